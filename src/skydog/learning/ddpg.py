@@ -1,0 +1,118 @@
+"""DDPG (paper, Algorithm 1; Lillicrap et al. 2015), in one file that knows nothing of sheep."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from skydog.learning.networks import Actor, Critic
+from skydog.learning.noise import ornstein_uhlenbeck
+from skydog.learning.replay import Transition
+
+
+@dataclass(frozen=True)
+class Config:
+    """The numbers of Algorithm 1."""
+
+    actor: tuple[int, ...] = (32, 64)
+    """Nodes in the actor's hidden layers (paper, Section 4.1.3)."""
+    critic: tuple[int, ...] = (64, 64)
+    """Nodes in the critic's. The paper says only "more complex"; its figure is lost."""
+    actor_rate: float = 2.5e-4
+    """Learning rate of the actor (paper, Section 4.1.3)."""
+    critic_rate: float = 1e-3
+    """Learning rate of the critic (paper, Section 4.1.3)."""
+    discount: float = 0.99
+    """γ (paper, Section 4.1.3)."""
+    batch: int = 32
+    """Transitions in a mini-batch (paper, Section 4.1.3)."""
+    memory: int = 100_000
+    """Transitions that the replay memory holds (paper, Section 4.1.3)."""
+    follow: float = 0.005
+    """λ: how far the target networks follow in a step. Not in the paper."""
+    theta: float = 0.15
+    """θ of the exploration noise (Lillicrap et al. 2015); not in the paper."""
+    sigma: float = 0.2
+    """σ of the exploration noise (Lillicrap et al. 2015); not in the paper."""
+
+
+class DDPG(eqx.Module):
+    """The learner's whole state: networks, their targets, their optimisers, its noise."""
+
+    actor: Actor
+    critic: Critic
+    target_actor: Actor
+    target_critic: Critic
+    actor_adam: optax.OptState
+    critic_adam: optax.OptState
+    noise: Float[Array, " action"]
+
+
+def init(key: PRNGKeyArray, observation: int, action: int, config: Config) -> DDPG:
+    """An untaught learner for so many numbers seen and so many commanded."""
+    for_actor, for_critic = jax.random.split(key)
+    actor = Actor(observation, action, config.actor, for_actor)
+    critic = Critic(observation, action, config.critic, for_critic)
+    return DDPG(
+        actor=actor,
+        critic=critic,
+        # Copies, so that the loop may donate its whole state: XLA takes no buffer twice.
+        target_actor=jax.tree.map(jnp.copy, actor),
+        target_critic=jax.tree.map(jnp.copy, critic),
+        actor_adam=_adam(config.actor_rate).init(actor),
+        critic_adam=_adam(config.critic_rate).init(critic),
+        noise=jnp.zeros(action),
+    )
+
+
+def explore(
+    agent: DDPG, observation: Float[Array, " seen"], config: Config, kick: Float[Array, " action"]
+) -> tuple[DDPG, Float[Array, " action"]]:
+    """The actor's action with noise added, within [-1, 1]."""
+    noise = ornstein_uhlenbeck(agent.noise, config.theta, config.sigma, kick)
+    action = jnp.clip(agent.actor(observation) + noise, -1.0, 1.0)
+    return eqx.tree_at(lambda a: a.noise, agent, noise), action
+
+
+def forget_noise(agent: DDPG) -> DDPG:
+    """The learner at the start of an episode, its noise at rest again."""
+    return eqx.tree_at(lambda a: a.noise, agent, jnp.zeros_like(agent.noise))
+
+
+def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
+    """One gradient step on critic and actor, then the targets follow (Algorithm 1)."""
+    next_action = agent.target_actor(batch.next_observation)
+    next_value = agent.target_critic(batch.next_observation, next_action)
+    target = batch.reward + config.discount * (1.0 - batch.terminated) * next_value
+
+    def critic_loss(critic: Critic) -> Float[Array, ""]:
+        return jnp.mean((critic(batch.observation, batch.action) - target) ** 2)
+
+    slope = jax.grad(critic_loss)(agent.critic)
+    change, critic_adam = _adam(config.critic_rate).update(slope, agent.critic_adam)
+    critic = eqx.apply_updates(agent.critic, change)
+
+    # The paper prints the actor's step with a minus sign; it has to climb.
+    def actor_loss(actor: Actor) -> Float[Array, ""]:
+        return -jnp.mean(critic(batch.observation, actor(batch.observation)))
+
+    slope = jax.grad(actor_loss)(agent.actor)
+    change, actor_adam = _adam(config.actor_rate).update(slope, agent.actor_adam)
+    actor = eqx.apply_updates(agent.actor, change)
+
+    return DDPG(
+        actor=actor,
+        critic=critic,
+        target_actor=optax.incremental_update(actor, agent.target_actor, config.follow),
+        target_critic=optax.incremental_update(critic, agent.target_critic, config.follow),
+        actor_adam=actor_adam,
+        critic_adam=critic_adam,
+        noise=agent.noise,
+    )
+
+
+def _adam(rate: float) -> optax.GradientTransformation:
+    return optax.adam(rate)

@@ -1,0 +1,55 @@
+"""The networks of the learners: layers with ReLU between them, pytrees of arrays alone."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+
+class Layers(eqx.Module):
+    """A feed-forward network with ReLU after each layer but the last.
+
+    `eqx.nn.MLP` holds its activation as a leaf, which `jax.jit`, `vmap` over seeds and
+    safetensors would each have to be told to pass over.
+    """
+
+    linears: tuple[eqx.nn.Linear, ...]
+
+    def __init__(self, sizes: tuple[int, ...], key: PRNGKeyArray):
+        keys = jax.random.split(key, len(sizes) - 1)
+        self.linears = tuple(
+            eqx.nn.Linear(inward, outward, key=k)
+            for inward, outward, k in zip(sizes[:-1], sizes[1:], keys, strict=True)
+        )
+
+    def __call__(self, x: Float[Array, "*batch inward"]) -> Float[Array, "*batch outward"]:
+        *hidden, last = self.linears
+        for linear in hidden:
+            x = jax.nn.relu(x @ linear.weight.T + linear.bias)
+        return x @ last.weight.T + last.bias
+
+
+class Actor(eqx.Module):
+    """The policy τ: what to do. Actions in [-1, 1], squashed by tanh (paper, Section 4.1.3)."""
+
+    layers: Layers
+
+    def __init__(self, observation: int, action: int, hidden: tuple[int, ...], key: PRNGKeyArray):
+        self.layers = Layers((observation, *hidden, action), key)
+
+    def __call__(self, observation: Float[Array, "*batch seen"]) -> Float[Array, "*batch action"]:
+        return jnp.tanh(self.layers(observation))
+
+
+class Critic(eqx.Module):
+    """The value Q of an action: how good it is. In the unit of the summed rewards."""
+
+    layers: Layers
+
+    def __init__(self, observation: int, action: int, hidden: tuple[int, ...], key: PRNGKeyArray):
+        self.layers = Layers((observation + action, *hidden, 1), key)
+
+    def __call__(
+        self, observation: Float[Array, "*batch seen"], action: Float[Array, "*batch action"]
+    ) -> Float[Array, "*batch"]:
+        return self.layers(jnp.concatenate([observation, action], axis=-1))[..., 0]

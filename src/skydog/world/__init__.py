@@ -1,0 +1,1 @@
+"""The shepherding world: pure functions over typed trees, nothing but jax."""

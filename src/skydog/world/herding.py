@@ -1,0 +1,109 @@
+"""Where a dog should be: driving point, collecting point and the gate (paper, Eqs 7 to 9)."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from skydog.world.params import Arena, Flock, World
+from skydog.world.vectors import Scalar, norm, unit
+
+COLLECT, DRIVE = 0, 1  # the behaviours, as a trace records them
+
+# Between neighbouring dogs that drive together, seen from the flock's centre (ours).
+SPREAD_ANGLE = jnp.pi / 5
+
+
+def gcm(sheep: Float[Array, "sheep 2"]) -> Float[Array, "2"]:
+    """The global centre of mass of the flock, in metres."""
+    return jnp.mean(sheep, axis=0)
+
+
+def gathered_radius(flock: Flock, sheep: int) -> Scalar:
+    """f(N), in metres: the radius of the circle that a gathered flock fits in (paper, Eq. 7)."""
+    return flock.spread * sheep ** (2 / 3)
+
+
+def goal(arena: Arena) -> Float[Array, "2"]:
+    """The goal's position, in metres."""
+    return jnp.stack([jnp.asarray(arena.goal_x), jnp.asarray(arena.goal_y)]).astype(jnp.float32)
+
+
+def gathered(flock: Flock, sheep: Float[Array, "sheep 2"]) -> Bool[Array, ""]:
+    """Whether every sheep is within f(N) of the flock's centre."""
+    return jnp.max(norm(sheep - gcm(sheep))) <= gathered_radius(flock, len(sheep))
+
+
+def driving_points(
+    world: World, sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]
+) -> Float[Array, "dogs 2"]:
+    """P_σ1 for each dog: R_ππ √N behind the flock's centre, seen from the goal.
+
+    Several dogs spread on an arc around that point, and take its places in the order in
+    which they stand around the flock, so that none flies through another's.
+    """
+    count = len(dogs)
+    centre = gcm(sheep)
+    behind = unit(centre - goal(world.arena))
+    offset = world.dog.driving * jnp.sqrt(float(len(sheep)))
+    if count == 1:
+        return jnp.broadcast_to(centre + offset * behind, dogs.shape)
+    aside = jnp.stack([-behind[1], behind[0]])
+    bearing = jnp.arctan2((dogs - centre) @ aside, (dogs - centre) @ behind)
+    place = jnp.argsort(jnp.argsort(bearing))
+    angle = (place - (count - 1) / 2) * SPREAD_ANGLE
+    direction = jnp.cos(angle)[:, None] * behind + jnp.sin(angle)[:, None] * aside
+    return centre + offset * direction
+
+
+def collecting_points(
+    world: World, sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]
+) -> tuple[Float[Array, "dogs 2"], Bool[Array, " dogs"]]:
+    """P_σ2 for each dog: R_ππ behind its stray, seen from the flock's centre.
+
+    The stray furthest out goes to the dog nearest to its point, the next to the nearest of
+    the others, and so on. Also tells which dogs have a stray: a sheep outside f(N), or, for
+    the first choice, the furthest sheep wherever it is.
+    """
+    centre = gcm(sheep)
+    distance = norm(sheep - centre)
+    points = sheep + world.dog.collecting * unit(sheep - centre)
+    if len(dogs) == 1:
+        stray = jnp.argmax(distance)
+        return points[stray][None], jnp.ones(1, bool)
+
+    def hand_out(carry, rank):
+        target, busy = carry
+        point = points[furthest[rank]]
+        outside = (rank == 0) | (strays[rank] > gathered_radius(world.flock, len(sheep)))
+        away = jnp.where(busy, jnp.inf, norm(dogs - point))
+        chosen = (jnp.arange(len(dogs)) == jnp.argmin(away)) & outside
+        return (jnp.where(chosen[:, None], point, target), busy | chosen), None
+
+    strays, furthest = jax.lax.top_k(distance, min(len(dogs), len(sheep)))
+    nobody = (dogs, jnp.zeros(len(dogs), bool))
+    (target, busy), _ = jax.lax.scan(hand_out, nobody, jnp.arange(len(strays)))
+    return target, busy
+
+
+def gate(
+    world: World, sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]
+) -> tuple[Float[Array, "dogs 2"], Bool[Array, " dogs"]]:
+    """The subgoal of each dog, and whether it drives (else it collects).
+
+    Scattered flocks are collected and gathered ones driven (Strömbom 2014; paper, "Problem
+    Formulation"); a dog that finds no stray left for it takes its place behind the flock.
+    Subgoals stay within the airspace, since a point beyond it could never be reached.
+    """
+    driving = driving_points(world, sheep, dogs)
+    collecting, has_stray = collecting_points(world, sheep, dogs)
+    drives = gathered(world.flock, sheep) | ~has_stray
+    subgoal = jnp.where(drives[:, None], driving, collecting)
+    return within_airspace(world, subgoal), drives
+
+
+def within_airspace(
+    world: World, position: Float[Array, "dogs 2"]
+) -> Float[Array, "dogs 2"]:
+    """The nearest positions where dogs may fly."""
+    beyond = world.dog.airspace
+    return jnp.clip(position, -beyond, world.arena.size + beyond)

@@ -1,0 +1,26 @@
+"""Vectors in the plane: safe at zero, with finite gradients everywhere."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+# A parameter: a plain number from a preset, or a traced scalar under jit and vmap.
+Scalar = int | float | Float[Array, ""]
+
+
+def norm(v: Float[Array, "*batch 2"]) -> Float[Array, "*batch"]:
+    """Euclidean length, in the unit of `v`; its gradient at zero is zero, not NaN."""
+    squared = jnp.sum(v * v, axis=-1)
+    still = squared == 0.0
+    return jnp.where(still, 0.0, jnp.sqrt(jnp.where(still, 1.0, squared)))
+
+
+def unit(v: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
+    """The direction of `v` (dimensionless), and the zero vector for the zero vector."""
+    length = norm(v)[..., None]
+    return v / jnp.where(length == 0.0, 1.0, length)
+
+
+def limit(v: Float[Array, "*batch 2"], most: Scalar) -> Float[Array, "*batch 2"]:
+    """`v` shortened to a length of at most `most`, its direction kept."""
+    length = norm(v)[..., None]
+    return v * jnp.where(length > most, most / jnp.where(length == 0.0, 1.0, length), 1.0)
