@@ -1,0 +1,49 @@
+"""Cases: the starts that every shepherd of a comparison flies from."""
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+
+from skydog.errors import Refusal
+from skydog.world import mission
+from skydog.world.mission import State
+from skydog.world.params import World
+
+Starts = Literal["paper", "random"]
+
+# Where the three sheep start, in sides of the arena. The paper does not print its starts;
+# these are ours, on the far side of the goal, gathered just enough to be driven at once.
+PAPER_LAYOUT = ((0.55, 0.75), (0.60, 0.70), (0.75, 0.35))
+
+
+def cases(
+    world: World,
+    count: int = 30,
+    starts: Starts = "paper",
+    seed: int = 0,
+    sheep: int = 3,
+    dogs: int = 1,
+) -> State:
+    """`count` starts, stacked along a first axis: the same for the same arguments.
+
+    `paper`: the three sheep of `PAPER_LAYOUT`, and only the dogs' start varies, uniform in
+    the arena (paper, Section "Evaluation in Simulation"). `random`: the sheep vary too,
+    uniform in [L/2, 0.95 L]². Raises `Refusal` for a count below one, unknown starts or,
+    with `paper` starts, another number of sheep than three.
+    """
+    if count < 1:
+        raise Refusal(f"a test needs at least 1 case, got {count}; try --cases 30")
+    if starts not in ("paper", "random"):
+        raise Refusal(f"no starts are called {starts!r}; choose from paper, random")
+    keys = jax.random.split(jax.random.key(seed), count)
+    drawn = jax.vmap(lambda key: mission.reset(world, key, sheep, dogs))(keys)
+    if starts == "random":
+        return drawn
+    if sheep != len(PAPER_LAYOUT):
+        raise Refusal(
+            f"the paper starts place {len(PAPER_LAYOUT)} sheep, this flock has {sheep}; "
+            "try --starts random"
+        )
+    placed = jnp.asarray(PAPER_LAYOUT) * world.arena.size
+    return jax.vmap(lambda state: mission.start(placed, state.dogs))(drawn)
