@@ -1,1 +1,56 @@
-"""Aerial shepherding: one drone, flown like a sheepdog, herds a swarm of ground robots."""
+"""Aerial shepherding: one drone, flown like a sheepdog, herds a swarm of ground robots.
+
+    import jax, skydog
+
+    world = skydog.preset("paper", arena=4.0)
+    state = skydog.reset(world, jax.random.key(0))
+    trace = skydog.rollout(world, skydog.Strombom(), state)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from skydog.errors import Refusal as Refusal
+    from skydog.shepherds.sheepdog import Sheepdog as Sheepdog
+    from skydog.shepherds.strombom import Strombom as Strombom
+    from skydog.world.mission import Shepherd as Shepherd
+    from skydog.world.mission import State as State
+    from skydog.world.mission import Trace as Trace
+    from skydog.world.mission import accomplished as accomplished
+    from skydog.world.mission import reset as reset
+    from skydog.world.mission import rollout as rollout
+    from skydog.world.mission import start as start
+    from skydog.world.mission import step as step
+    from skydog.world.params import World as World
+    from skydog.world.params import preset as preset
+
+__version__ = "0.1.0"
+
+# Imported when first asked for, so that `skydog --help` need not wait for jax.
+_HOMES = {
+    "Refusal": "skydog.errors",
+    "Sheepdog": "skydog.shepherds.sheepdog",
+    "Strombom": "skydog.shepherds.strombom",
+    "Shepherd": "skydog.world.mission",
+    "State": "skydog.world.mission",
+    "Trace": "skydog.world.mission",
+    "accomplished": "skydog.world.mission",
+    "reset": "skydog.world.mission",
+    "rollout": "skydog.world.mission",
+    "start": "skydog.world.mission",
+    "step": "skydog.world.mission",
+    "World": "skydog.world.params",
+    "preset": "skydog.world.params",
+}
+__all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'skydog' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -101,12 +101,15 @@ def load_arrays(
     return arrays, card
 
 
-def finite(value: Any) -> Any:
-    """A tree of plain values fit for JSON, with None for each number that is not finite."""
+def plain(value: Any) -> Any:
+    """A tree of values as JSON would give it back: lists for tuples, text for keys.
+
+    A number that is not finite becomes None, since JSON has none.
+    """
     if isinstance(value, dict):
-        return {str(name): finite(inner) for name, inner in value.items()}
+        return {str(name): plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(inner) for inner in value]
+        return [plain(inner) for inner in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from skydog.words import AtPoint
 from skydog.world import herding
 from skydog.world.mission import State, fastest, limited
 from skydog.world.params import World
@@ -13,13 +14,13 @@ from skydog.world.vectors import Scalar, limit, norm
 class Strombom(eqx.Module):
     """Flies straight to the subgoal, as fast as the world's dogs may.
 
-    A dog that is told to `arrive` slows down for the last step and stops on its point; one
-    that is not overshoots at constant speed, as in Strömbom's model. `speed`, in m/s, limits
+    `at_point` is "constant" for a dog that keeps its speed and overshoots, as in Strömbom's
+    model, or "arrive" for one that shortens its last step and stops. `speed`, in m/s, limits
     the length of the velocity further. While a sheep is nearer than the world's
     `dog.stall`, the dog stands.
     """
 
-    arrive: bool = eqx.field(static=True, default=True)
+    at_point: AtPoint = eqx.field(static=True, default="constant")
     speed: Scalar = jnp.inf
 
     def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
@@ -27,7 +28,7 @@ class Strombom(eqx.Module):
         subgoal, _ = herding.gate(world, state.sheep, state.dogs)
         way = subgoal - state.dogs
         velocity = fastest(world.dog, way)
-        if self.arrive:
+        if self.at_point == "arrive":
             there = way / world.arena.dt
             velocity = jnp.where(norm(there)[:, None] < norm(velocity)[:, None], there, velocity)
         nearest = jnp.min(norm(state.dogs[:, None] - state.sheep[None, :]), axis=1)

@@ -1,16 +1,13 @@
 """Cases: the starts that every shepherd of a comparison flies from."""
 
-from typing import Literal
-
 import jax
 import jax.numpy as jnp
 
 from skydog.errors import Refusal
+from skydog.words import Starts
 from skydog.world import mission
 from skydog.world.mission import State
 from skydog.world.params import World
-
-Starts = Literal["paper", "random"]
 
 # Where the three sheep start, in sides of the arena. The paper does not print its starts;
 # these are ours, on the far side of the goal, gathered just enough to be driven at once.

@@ -31,7 +31,7 @@ def save(path: Path, trace: Trace, shepherd: str) -> None:
     done = np.asarray(trace.accomplished)
     until = int(np.argmax(done)) + 1 if done.any() else len(done)
     arrays = {f.name: np.asarray(getattr(trace, f.name)) for f in fields(trace) if f.name in _SHAPES}
-    card = {"kind": KIND, "shepherd": shepherd, "world": files.finite(params.flatten(trace.world))}
+    card = {"kind": KIND, "shepherd": shepherd, "world": files.plain(params.flatten(trace.world))}
     files.save_arrays(path, {name: array[:until] for name, array in arrays.items()}, card)
 
 

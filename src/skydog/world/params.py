@@ -103,7 +103,7 @@ def paper_w05(arena: float = 4.0, sheep: int = 3) -> World:
     return eqx.tree_at(lambda w: w.flock.repulsion, paper(arena, sheep), 0.5)
 
 
-def strombom2014(arena: float = 150.0, sheep: int = 46) -> World:
+def strombom2014(arena: float = 150.0, sheep: int = 3) -> World:
     """Strömbom et al. 2014 (J. R. Soc. Interface 11), for a flock of any size.
 
     Its units are a step and "about a metre"; one step is one second here.
@@ -143,24 +143,20 @@ PRESETS: dict[str, Callable[..., World]] = {
 }
 
 
-def preset(name: str = "paper", arena: float | None = None, sheep: int | None = None) -> World:
+def preset(name: str = "paper", arena: float | None = None, sheep: int = 3) -> World:
     """A world by the name of its preset, for `sheep` sheep in an arena of `arena` metres.
 
-    What is None is as in the preset's source. Raises `Refusal` for an unknown name, an
+    An arena of None is the preset's own. Raises `Refusal` for an unknown name, an
     arena that is not wider than the goal, or a flock of fewer than one sheep.
     """
     if name not in PRESETS:
         raise Refusal(f"no preset is called {name!r}; choose from {', '.join(PRESETS)}")
-    if sheep is not None and sheep < 1:
+    if sheep < 1:
         raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
-    asked = {"arena": arena, "sheep": sheep}
-    if arena is not None and not math.isfinite(arena):
-        raise Refusal(f"arena must be a length in metres, got {arena}; try --arena 4")
-    if arena is not None and arena <= 0:
-        raise Refusal(f"arena must be longer than the goal disc, got {arena}; try --arena 4")
-    world = PRESETS[name](**{k: v for k, v in asked.items() if v is not None})
+    make = PRESETS[name]
+    world = make(sheep=sheep) if arena is None else make(arena=arena, sheep=sheep)
     radius = world.arena.goal_radius
-    if not world.arena.size > radius:
+    if not radius < world.arena.size < math.inf:
         raise Refusal(
             f"arena must be longer than {radius:g} m (the goal disc), got {world.arena.size}; "
             f"try --arena {2 * radius:g}"

@@ -1,4 +1,4 @@
-"""The networks of the learners: layers with ReLU between them, pytrees of arrays alone."""
+"""The networks: of skills, and of the learners that teach them. Pytrees of arrays alone."""
 
 import equinox as eqx
 import jax
@@ -16,6 +16,7 @@ class Layers(eqx.Module):
     linears: tuple[eqx.nn.Linear, ...]
 
     def __init__(self, sizes: tuple[int, ...], key: PRNGKeyArray):
+        """Random weights for layers of so many nodes, the input's and the output's included."""
         keys = jax.random.split(key, len(sizes) - 1)
         self.linears = tuple(
             eqx.nn.Linear(inward, outward, key=k)

@@ -1,0 +1,233 @@
+"""The command `skydog`: parse, call, print. What a command needs is imported when it runs."""
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from skydog.errors import Refusal
+from skydog.words import AtPoint, Reward, Starts
+
+STOPPED = 130  # what a shell says of a command that Ctrl-C ended
+
+Out = Annotated[Path, arg(metavar="FOLDER")]
+Preset = Annotated[str, arg(metavar="NAME")]
+
+app = tyro.extras.SubcommandApp()
+
+
+@app.command
+def herd(
+    out: Out = Path("runs/herd"),
+    seed: int = 0,
+    steps: int = 100_000,
+    arena: Annotated[float, arg(metavar="METRES")] = 4.0,
+    reward: Reward = "progress",
+    cases: int = 30,
+    resume: bool = False,
+    as_json: Annotated[bool, arg(name="json")] = False,
+) -> int:
+    """Teach a sheepdog from nothing, and fly it beside the rule dog.
+
+    Trains collect and drive, flies the test cases with the sheepdog and with Strömbom's rule
+    dog, prints the table beside the paper's, and writes a run folder with results.json, the
+    sheepdog, figures, and report.html with an animated replay. Ctrl-C keeps what was learnt.
+
+    Example: skydog herd --out runs/mine --seed 3
+
+    Args:
+        out: The run folder.
+        seed: Of the networks, the lessons' starts and the noise.
+        steps: Of training, for each of the two skills.
+        arena: Side of the arena in metres, for the lessons and the test.
+        reward: How a lesson pays; `paper` is the paper's ±0.1.
+        cases: Missions that each shepherd flies.
+        resume: Continue an interrupted run, bit for bit.
+        as_json: Print the results as JSON instead of a table.
+    """
+    from skydog import herd as job
+
+    course = job.Course(arena=arena, reward=reward, steps=steps)
+    results = job.herd(out, course, seed, cases, resume, _command())
+    if results is None:
+        return STOPPED
+    _show(results, as_json)
+    return 0
+
+
+@app.command
+def train(
+    out: Out = Path("runs/train"),
+    seed: int = 0,
+    seeds: int = 1,
+    steps: int = 100_000,
+    preset: Preset = "paper",
+    arena: Annotated[float | None, arg(metavar="METRES")] = None,
+    sheep: int = 3,
+    reward: Reward = "progress",
+    resume: bool = False,
+    tensorboard: bool = False,
+    as_json: Annotated[bool, arg(name="json")] = False,
+) -> int:
+    """Teach one sheepdog, or several at once, and test each.
+
+    Every sheepdog is two trainings, collect and drive, and every training has a core of its
+    own. Its folder holds learning curves as CSV, checkpoints, and at the end the sheepdog.
+    Ctrl-C keeps what was learnt, and --resume continues bit for bit.
+
+    Example: skydog train --seeds 8 --out runs/eight
+
+    Args:
+        out: The run folder; of several sheepdogs each has its own in it, such as seed-3.
+        seed: Of the first sheepdog.
+        seeds: How many sheepdogs, one a seed.
+        steps: Of training, for each of the two skills.
+        preset: The world of the lessons; see skydog presets.
+        arena: Side of the arena in metres; the preset's own if not given.
+        sheep: Sheep in the flock.
+        reward: How a lesson pays; `paper` is the paper's ±0.1.
+        resume: Continue an interrupted run, bit for bit.
+        tensorboard: Write the curves for TensorBoard too, in the run folder.
+        as_json: Print the results as JSON instead of a table.
+    """
+    from skydog import herd as job
+
+    course = job.Course(preset, arena, sheep, reward, steps)
+    results = job.train(out, course, seed, seeds, resume, tensorboard, _command())
+    if results is None:
+        return STOPPED
+    _show(results, as_json)
+    return 0
+
+
+@app.command
+def test(
+    shepherd: Positional[Annotated[str, arg(metavar="SHEEPDOG|strombom")]],
+    preset: Preset = "paper",
+    arena: Annotated[float | None, arg(metavar="METRES")] = None,
+    sheep: int = 3,
+    dogs: int = 1,
+    cases: int = 30,
+    starts: Starts = "paper",
+    seed: int = 0,
+    at_point: AtPoint = "constant",
+    out: Annotated[Path | None, arg(metavar="FOLDER")] = None,
+    as_json: Annotated[bool, arg(name="json")] = False,
+) -> int:
+    """Fly a shepherd through test cases, and print how good it is.
+
+    A sheepdog is named by its file or its run folder; flown in an arena other than the one it
+    learnt in, it scales what it sees and does by ξ, as in the paper.
+
+    Example: skydog test runs/herd --arena 6 --cases 1000 --starts random
+
+    Args:
+        shepherd: A sheepdog's file or run folder, or the rule dog, strombom.
+        preset: The world of the missions; see skydog presets.
+        arena: Side of the arena in metres; the preset's own if not given.
+        sheep: Sheep in the flock.
+        dogs: Dogs, which all fly the same shepherd.
+        cases: How many missions.
+        starts: `paper` varies where the dogs start, `random` where the sheep do too.
+        seed: Of the starts.
+        at_point: Whether strombom keeps its speed at its point, or stops there.
+        out: Where to write results.json and a trace a mission, if given.
+        as_json: Print the results as JSON instead of a table.
+    """
+    from skydog import herd as job
+
+    world = job.params.preset(preset, arena, sheep)
+    _show(job.test(shepherd, world, cases, starts, seed, sheep, dogs, at_point, out), as_json)
+    return 0
+
+
+@app.command
+def replay(
+    traces: Positional[Annotated[tuple[Path, ...], arg(metavar="TRACE")]],
+    out: Annotated[Path, arg(aliases=["-o"], metavar="FILE")] = Path("replay.html"),
+) -> int:
+    """Show missions again: an animated page for the browser, or a GIF.
+
+    Example: skydog replay runs/herd/traces/H-DDPG-4x4.safetensors -o flock.gif
+
+    Args:
+        traces: Missions, as skydog herd and skydog test --out write them.
+        out: The page, or with a name that ends in .gif a moving picture of the first mission.
+    """
+    from skydog.study import traces as store
+    from skydog.view import replay as view
+
+    loaded = [(path, *store.load(path)) for path in traces]
+    view.save(out, {f"{shepherd} ({path.stem})": trace for path, trace, shepherd in loaded})
+    print(out)
+    return 0
+
+
+@app.command
+def presets(as_json: Annotated[bool, arg(name="json")] = False) -> int:
+    """List the named sets of parameters, with their values in SI units.
+
+    Example: skydog presets --json
+
+    Args:
+        as_json: Print them as JSON instead of a table.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from skydog.world import params
+
+    values = {name: params.flatten(params.preset(name)) for name in params.PRESETS}
+    if as_json:
+        print(json.dumps(values, indent=2))
+        return 0
+    table = Table("Parameter", *values, title="Presets (metres, seconds, m/s)")
+    for name in next(iter(values.values())):
+        table.add_row(name, *(str(preset[name]) for preset in values.values()))
+    console = Console()
+    console.print(table)
+    for name, preset in params.PRESETS.items():
+        console.print(f"[bold]{name}[/]: {(preset.__doc__ or '').splitlines()[0]}")
+    return 0
+
+
+def main() -> None:
+    """Run the command line; a `Refusal` is one line and exit code 2."""
+    try:
+        code = app.cli(
+            prog="skydog",
+            description="Aerial shepherding: one drone herds a swarm of ground robots.\n\n"
+            "Example: skydog herd",
+            config=(OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        )
+    except Refusal as refusal:
+        print(f"skydog: {refusal}", file=sys.stderr)
+        code = 2
+    except KeyboardInterrupt:
+        print("skydog: stopped", file=sys.stderr)
+        code = STOPPED
+    sys.exit(code)
+
+
+def _command() -> str:
+    return shlex.join(["skydog", *sys.argv[1:]])
+
+
+def _show(results: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(results if len(results) > 1 else next(iter(results.values())), indent=2))
+        return
+    from rich.console import Console
+
+    from skydog import herd
+    from skydog.study import report
+
+    Console().print(report.table(herd.rows(results)))
+
+
+if __name__ == "__main__":
+    main()

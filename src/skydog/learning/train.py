@@ -1,0 +1,275 @@
+"""The one loop: a task, a learner, compiled chunks; curves, checkpoints, resume."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from skydog import files
+from skydog.errors import Refusal
+from skydog.learning import ddpg, replay
+from skydog.learning.replay import Replay, Transition
+
+KIND = "checkpoint"
+CHUNK = 1_000  # steps a compiled call: long enough to cost nothing, short enough to watch
+CHECKPOINT = 20_000  # steps between checkpoints
+EPISODES_A_ROW = 10  # paper, Section "Training": rewards in every 10 episodes
+
+
+class Task(Protocol):
+    """What is to be learnt: pure functions of an episode. A `Lesson` is one."""
+
+    observation: int
+    action: int
+
+    def start(self, key: PRNGKeyArray) -> Any:
+        """A fresh episode."""
+        ...
+
+    def observe(self, episode: Any) -> Float[Array, " seen"]:
+        """What the learner sees of it."""
+        ...
+
+    def step(self, episode: Any, action: Float[Array, " action"]) -> tuple[Any, Any]:
+        """The episode a step later, and its `Outcome`."""
+        ...
+
+
+class Training(eqx.Module):
+    """The whole state of a training; with the seed, all that its future depends on."""
+
+    agent: ddpg.DDPG
+    memory: Replay
+    episode: Any
+    step: Int[Array, ""]
+    reward: Float[Array, ""]  # summed over the episode so far
+    length: Int[Array, ""]  # of the episode so far
+
+
+class Ended(eqx.Module):
+    """Which steps of a chunk ended an episode, and what that episode had come to."""
+
+    ended: Bool[Array, " chunk"]
+    reward: Float[Array, " chunk"]
+    length: Int[Array, " chunk"]
+    success: Bool[Array, " chunk"]
+
+
+@dataclass(frozen=True)
+class History:
+    """The episodes that have ended, in their order."""
+
+    reward: np.ndarray  # summed over the episode
+    length: np.ndarray  # in steps
+    success: np.ndarray
+
+    def rows(self) -> list[tuple[int, float, float]]:
+        """Every 10 episodes: the last one's number, reward per action, share of successes."""
+        whole = len(self.reward) // EPISODES_A_ROW * EPISODES_A_ROW
+        tens = [values[:whole].reshape(-1, EPISODES_A_ROW) for values in asdict(self).values()]
+        reward, length, success = tens
+        return [
+            (
+                (row + 1) * EPISODES_A_ROW,
+                float(reward[row].sum() / length[row].sum()),
+                float(success[row].mean()),
+            )
+            for row in range(len(reward))
+        ]
+
+    def csv(self) -> str:
+        """The learning curve as a table for other tools."""
+        lines = [f"{episode},{reward:.6g},{success:g}" for episode, reward, success in self.rows()]
+        return "\n".join(["episode,reward_per_action,success", *lines, ""])
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a training has come; what a listener hears after each chunk."""
+
+    step: int
+    steps: int
+    episodes: int
+    reward_per_action: float  # over the last 10 episodes
+    success: float  # over the last 10 episodes
+
+
+def init(task: Task, config: ddpg.Config, key: PRNGKeyArray) -> Training:
+    """A training that has not begun."""
+    for_agent, for_start = jax.random.split(key)
+    return Training(
+        agent=ddpg.init(for_agent, task.observation, task.action, config),
+        memory=replay.empty(config.memory, _blank(task)),
+        episode=task.start(for_start),
+        step=jnp.asarray(0),
+        reward=jnp.asarray(0.0),
+        length=jnp.asarray(0),
+    )
+
+
+@partial(jax.jit, static_argnames=("config", "steps"), donate_argnames="training")
+def advance(
+    task: Any, config: ddpg.Config, training: Training, key: PRNGKeyArray, steps: int
+) -> tuple[Training, Ended]:
+    """So many steps of Algorithm 1, each with one update, in one compiled loop.
+
+    The randomness of a step comes from `key` and the step's number alone: however a training
+    is cut into chunks, it is the same training.
+    """
+
+    def draw(step: Int[Array, ""]) -> tuple[ddpg.Chance, PRNGKeyArray]:
+        for_learner, for_start = jax.random.split(jax.random.fold_in(key, step))
+        return ddpg.chance(for_learner, task.action, config), for_start
+
+    def one(training: Training, drawn: tuple[ddpg.Chance, PRNGKeyArray]) -> tuple[Training, Ended]:
+        chance, for_start = drawn
+        seen = task.observe(training.episode)
+        agent, action = ddpg.explore(training.agent, seen, config, chance.kick)
+        episode, outcome = task.step(training.episode, action)
+        transition = Transition(
+            observation=seen,
+            action=action,
+            reward=outcome.reward,
+            next_observation=task.observe(episode),
+            terminated=outcome.terminated.astype(jnp.float32),
+        )
+        # Written before sampled: XLA then updates the ring in place instead of copying it.
+        memory = replay.add(training.memory, transition)
+        batch = replay.sample(memory, chance.picks, transition)
+        agent = jax.lax.cond(
+            memory.written >= config.batch,
+            lambda: ddpg.update(agent, batch, config),
+            lambda: agent,
+        )
+
+        ended = outcome.terminated | outcome.truncated
+        reward, length = training.reward + outcome.reward, training.length + 1
+        after = Training(
+            agent=ddpg.begin(agent, ended),
+            memory=memory,
+            episode=jax.lax.cond(ended, lambda: task.start(for_start), lambda: episode),
+            step=training.step + 1,
+            reward=jnp.where(ended, 0.0, reward),
+            length=jnp.where(ended, 0, length),
+        )
+        return after, Ended(ended, reward, length, outcome.success)
+
+    # Drawn for the whole chunk at once: inside the loop it would cost more than the learning.
+    chances = jax.vmap(draw)(training.step + jnp.arange(steps))
+    return jax.lax.scan(one, training, chances)
+
+
+def train(
+    task: Task,
+    config: ddpg.Config,
+    seed: int,
+    steps: int,
+    folder: Path | None = None,
+    card: dict[str, Any] | None = None,
+    resume: bool = False,
+    listen: Callable[[Progress], bool] = lambda _: True,
+) -> tuple[Training, History]:
+    """Train until `steps` steps are done, or until `listen` answers False; keep everything.
+
+    `listen` hears a `Progress` after each chunk. With a `folder`, it is kept there:
+    `checkpoint.safetensors` (networks, optimisers, memory, episode; every 20,000 steps and at
+    the end) and `curve.csv`. `card` says what is trained; `resume` continues a checkpoint of
+    the same card, bit for bit, and starts anew where there is none. Raises `Refusal` for a
+    checkpoint that is damaged or of another training.
+    """
+    key, for_init = jax.random.split(jax.random.key(seed))
+    training = init(task, config, for_init)
+    history = History(*(np.zeros(0, kind) for kind in (np.float32, np.int32, np.bool_)))
+    card = {**(card or {}), "seed": seed, "config": files.plain(asdict(config))}
+    if resume and folder is not None and checkpoint_in(folder).exists():
+        training, history = load(folder, training, card)
+
+    done = int(training.step)
+    saved = -1
+    more = True
+    while more and done < steps:
+        training, ended = advance(task, config, training, key, min(CHUNK, steps - done))
+        done = int(training.step)
+        history = _extend(history, ended)
+        more = listen(_progress(history, done, steps))
+        if folder is not None and done % CHECKPOINT < CHUNK:
+            _save(folder, training, history, card)
+            saved = done
+    if folder is not None and saved != done:
+        _save(folder, training, history, card)
+    return training, history
+
+
+def checkpoint_in(folder: Path) -> Path:
+    """Where a training's checkpoint lies in its folder."""
+    return Path(folder) / "checkpoint.safetensors"
+
+
+def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, History]:
+    """Read the checkpoint in a folder, of a training of the shapes of `like`.
+
+    Raises `Refusal` if it is missing or damaged, or if its card contradicts `card`.
+    """
+    path = checkpoint_in(folder)
+    arrays, found = files.load_arrays(path, KIND)
+    for name, wanted in card.items():
+        if found.get(name) != wanted:
+            raise Refusal(
+                f"{path} is of a training with {name} {found.get(name)!r}, not {wanted!r}; "
+                "resume with the same options, or choose another --out"
+            )
+    history = {name: arrays.pop(f"history.{name}", None) for name in ("reward", "length", "success")}
+    expected = _named(like)
+    shapes = {name: (leaf.shape, leaf.dtype) for name, leaf in expected.items()}
+    if {name: (leaf.shape, leaf.dtype) for name, leaf in arrays.items()} != shapes:
+        raise Refusal(f"{path} does not fit this version of skydog; train again")
+    if any(values is None for values in history.values()):
+        raise Refusal(f"{path} is damaged: it holds no history; train again")
+    leaves = [jnp.asarray(arrays[name]) for name in expected]
+    training = jax.tree.unflatten(jax.tree.structure(like), leaves)
+    return training, History(**history)  # pyright: ignore[reportArgumentType]
+
+
+def _blank(task: Task) -> Transition:
+    seen, nothing = jnp.zeros(task.observation), jnp.zeros(())
+    return Transition(seen, jnp.zeros(task.action), nothing, seen, nothing)
+
+
+def _extend(history: History, ended: Ended) -> History:
+    at = np.asarray(ended.ended)
+    return History(
+        reward=np.append(history.reward, np.asarray(ended.reward)[at]),
+        length=np.append(history.length, np.asarray(ended.length)[at]),
+        success=np.append(history.success, np.asarray(ended.success)[at]),
+    )
+
+
+def _progress(history: History, done: int, steps: int) -> Progress:
+    last = slice(-EPISODES_A_ROW, None)
+    actions = max(1, int(history.length[last].sum()))
+    return Progress(
+        step=done,
+        steps=steps,
+        episodes=len(history.reward),
+        reward_per_action=float(history.reward[last].sum()) / actions,
+        success=float(history.success[last].mean()) if len(history.success) else 0.0,
+    )
+
+
+def _named(training: Training) -> dict[str, Any]:
+    leaves, _ = jax.tree_util.tree_flatten_with_path(training)
+    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
+
+
+def _save(folder: Path, training: Training, history: History, card: dict[str, Any]) -> None:
+    arrays = {name: np.asarray(leaf) for name, leaf in _named(training).items()}
+    arrays |= {f"history.{name}": values for name, values in asdict(history).items()}
+    files.save_arrays(checkpoint_in(folder), arrays, {"kind": KIND, **card})
+    files.write_text(folder / "curve.csv", history.csv())

@@ -1,0 +1,154 @@
+"""Trainings side by side: one process a core, each pinned to it, and a clean stop."""
+
+import multiprocessing as mp
+import os
+import queue
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.synchronize import Event
+from pathlib import Path
+from typing import Any
+
+from skydog.errors import Refusal
+from skydog.words import Reward, Skill
+
+
+@dataclass(frozen=True)
+class Job:
+    """One skill of one sheepdog, to be trained in a folder of its own."""
+
+    preset: str
+    arena: float
+    sheep: int
+    skill: Skill
+    reward: Reward
+    seed: int
+    steps: int
+    folder: Path
+    resume: bool = False
+
+    @property
+    def name(self) -> str:
+        """What the job is called while it runs."""
+        return f"{self.skill}, seed {self.seed}"
+
+    @property
+    def card(self) -> dict[str, Any]:
+        """What is trained, for the checkpoint."""
+        names = ("preset", "arena", "sheep", "skill", "reward")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True)
+class News:
+    """What a worker tells of its job: progress, or how it ended."""
+
+    job: Job
+    progress: Any = None  # a `train.Progress`
+    ended: str | None = None  # "done", "stopped", or what went wrong
+    refused: bool = False  # whether the user can mend what went wrong
+
+
+def run(jobs: Sequence[Job], listen: Callable[[News], None]) -> bool:
+    """Train every job, as many at a time as there are cores; tell whether all were finished.
+
+    Ctrl-C, or a termination signal, stops after the chunk in hand: every training is
+    checkpointed, and the answer is False. Raises `Refusal` if a job was refused and
+    `RuntimeError` if one broke, once the others are safe.
+    """
+    cores = sorted(_cores())
+    context = mp.get_context("spawn")
+    waiting, told, stop = context.Queue(), context.Queue(), context.Event()
+    for job in jobs:
+        waiting.put(job)
+    workers = [
+        context.Process(target=_work, args=(core, waiting, told, stop), daemon=True)
+        for core in cores[: len(jobs)]
+    ]
+    endings: list[News] = []
+    with _stop_signals(stop):
+        for worker in workers:
+            waiting.put(None)
+            worker.start()
+        while any(worker.is_alive() for worker in workers) or not told.empty():
+            with suppress(queue.Empty):
+                news = told.get(timeout=0.2)
+                if news.ended:
+                    endings.append(news)
+                    if news.ended not in ("done", "stopped"):
+                        stop.set()
+                listen(news)
+    for worker in workers:
+        worker.join()
+    for news in endings:
+        if news.refused:
+            raise Refusal(news.ended)
+        if news.ended not in ("done", "stopped"):
+            raise RuntimeError(f"training {news.job.name} broke: {news.ended}")
+    killed = [worker.exitcode for worker in workers if worker.exitcode]
+    if killed:
+        raise RuntimeError(f"a training process died (exit code {killed[0]}); --resume continues")
+    return sum(news.ended == "done" for news in endings) == len(jobs)
+
+
+def _work(core: int, waiting: Any, told: Any, stop: Event) -> None:
+    # The parent answers for signals: a worker that dies at Ctrl-C loses its chunk.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    parent = os.getppid()
+    _pin(core)  # before jax is imported: its threads then do not fight over the cores
+    while (job := waiting.get()) is not None and not stop.is_set():
+        try:
+            finished = _train(job, told, lambda: stop.is_set() or os.getppid() != parent)
+            told.put(News(job, ended="done" if finished else "stopped"))
+        except Refusal as refusal:
+            told.put(News(job, ended=str(refusal), refused=True))
+        except Exception as problem:
+            told.put(News(job, ended=f"{type(problem).__name__}: {problem}"))
+
+
+def _train(job: Job, told: Any, stopped: Callable[[], bool]) -> bool:
+    from skydog.learning import ddpg, lessons, train
+    from skydog.world import params
+
+    world = params.preset(job.preset, job.arena, job.sheep)
+    lesson = lessons.Lesson(world, job.skill, job.reward, job.sheep)
+
+    def listen(progress: train.Progress) -> bool:
+        told.put(News(job, progress=progress))
+        return not stopped()
+
+    # The lessons of one sheepdog are two trainings: they must not draw the same numbers.
+    seed = 2 * job.seed + (job.skill == "drive")
+    training, _ = train.train(
+        lesson, ddpg.Config(), seed, job.steps, job.folder, job.card, job.resume, listen
+    )
+    return int(training.step) >= job.steps
+
+
+@contextmanager
+def _stop_signals(stop: Event) -> Iterator[None]:
+    def ask(*_: object) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt  # asked twice: at once, then
+        stop.set()
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _cores() -> set[int]:
+    if hasattr(os, "sched_getaffinity"):
+        return os.sched_getaffinity(0)
+    return set(range(os.cpu_count() or 1))
+
+
+def _pin(core: int) -> None:
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {core})

@@ -1,0 +1,49 @@
+"""The sheepdog: two skills and the gate, fused (paper, "A Hierarchical Framework of DDPGs")."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from skydog.networks import Actor
+from skydog.world import herding
+from skydog.world.mission import State, limited
+from skydog.world.params import World
+from skydog.world.vectors import Scalar
+
+# The four numbers that a dog sees (paper, "Action and state space"), in their order.
+OBSERVES = (
+    "x from GCM to dog (m)",
+    "y from GCM to dog (m)",
+    "x from subgoal to dog (m)",
+    "y from subgoal to dog (m)",
+)
+# The two numbers that it commands, in their order.
+COMMANDS = ("x velocity (share of the speed limit)", "y velocity (share of the speed limit)")
+
+
+def observe(
+    sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"], subgoal: Float[Array, "dogs 2"]
+) -> Float[Array, "dogs 4"]:
+    """What each dog sees, in metres: the vectors to it from the GCM and from its subgoal."""
+    return jnp.concatenate([dogs - herding.gcm(sheep), dogs - subgoal], axis=-1)
+
+
+class Sheepdog(eqx.Module):
+    """Flies the skill that the gate chooses: a learnt shepherd, H-DDPG in the paper.
+
+    In an arena other than the one it learnt in, what it sees is multiplied by ξ and what it
+    commands by 1/ξ and squashed by tanh (paper, Eq. "scale").
+    """
+
+    collect: Actor
+    drive: Actor
+    arena: Scalar  # metres: the side of the arena that the skills were learnt in
+
+    def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
+        """Velocities of the dogs, in m/s."""
+        subgoal, drives = herding.gate(world, state.sheep, state.dogs)
+        xi = self.arena / world.arena.size  # the diagonals' ratio, since arenas are square
+        seen = xi * observe(state.sheep, state.dogs, subgoal)
+        action = jnp.where(drives[:, None], self.drive(seen), self.collect(seen))
+        action = jnp.where(xi == 1.0, action, jnp.tanh(action / xi))
+        return limited(world.dog, world.dog.speed * action)

@@ -1,0 +1,121 @@
+"""A trained sheepdog as a file: weights in safetensors, and a card that says what they are."""
+
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from skydog import files
+from skydog.errors import Refusal
+from skydog.networks import Actor
+from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
+
+KIND = "sheepdog"
+FILE = "sheepdog.safetensors"
+LARGEST = 1 << 26  # bytes
+DEEPEST, WIDEST = 16, 4096  # layers, nodes a layer
+
+
+def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
+    """Write a sheepdog and its card, and the card once more as Markdown for people.
+
+    `card` tells where it comes from: preset, lesson, seed, versions, measured results. What
+    the sheepdog observes and commands, and its arena, are added here.
+    """
+    card = {
+        "kind": KIND,
+        "observes": list(OBSERVES),
+        "commands": list(COMMANDS),
+        "arena": float(sheepdog.arena),
+        **files.plain(card),
+    }
+    arrays = {
+        f"{skill}.{depth}.{part}": np.asarray(getattr(linear, part))
+        for skill in ("collect", "drive")
+        for depth, linear in enumerate(getattr(sheepdog, skill).layers.linears)
+        for part in ("weight", "bias")
+    }
+    files.save_arrays(path, arrays, card)
+    files.write_text(path.with_suffix(".md"), readable(card))
+
+
+def load(path: Path) -> tuple[Sheepdog, dict[str, Any]]:
+    """Read a sheepdog and its card, from its file or from its run folder.
+
+    Raises `Refusal` for a file that is missing, damaged, foreign, or of a sheepdog that
+    observes or commands something else than this version of skydog gives.
+    """
+    path = find(path)
+    arrays, card = files.load_arrays(path, KIND, LARGEST)
+    for what, ours in (("observes", OBSERVES), ("commands", COMMANDS)):
+        theirs = card.get(what)
+        if theirs != list(ours):
+            count = len(theirs) if isinstance(theirs, list) else "other"
+            raise Refusal(
+                f"{path} {what} {count} numbers, this mission has {len(ours)} "
+                f"({', '.join(ours)}); train it again"
+            )
+    arena = card.get("arena")
+    if not isinstance(arena, int | float) or not 0.0 < arena < 1e6:
+        raise Refusal(f"{path} is damaged: its card gives an arena of {arena!r} m")
+    collect, drive = (_actor(path, skill, arrays) for skill in ("collect", "drive"))
+    return Sheepdog(collect, drive, float(arena)), card
+
+
+def find(path: Path) -> Path:
+    """The file of a sheepdog that is named by its file or by its run folder."""
+    path = Path(path)
+    if not path.is_dir():
+        return path
+    if (path / FILE).exists():
+        return path / FILE
+    runs = sorted(run.parent.name for run in path.glob(f"*/{FILE}"))
+    if runs:
+        raise Refusal(f"{path} holds {len(runs)} sheepdogs; name one, such as {path / runs[0]}")
+    raise Refusal(f"{path} holds no {FILE}; name a run folder of skydog herd or skydog train")
+
+
+def readable(card: dict[str, Any]) -> str:
+    """A card as Markdown."""
+    lines = ["# A sheepdog", "", "Trained by skydog. Fly it with `skydog test` on this folder.", ""]
+    for name, value in card.items():
+        if isinstance(value, dict):
+            lines += [f"## {name}", ""]
+            lines += [f"- {inner}: {_short(number)}" for inner, number in value.items()] + [""]
+        elif isinstance(value, list):
+            lines += [f"## {name}", ""]
+            lines += [f"{place}. {item}" for place, item in enumerate(value, 1)] + [""]
+        else:
+            lines += [f"- {name}: {_short(value)}"]
+            lines += [""] if name == list(card)[-1] else []
+    return "\n".join(lines)
+
+
+def _actor(path: Path, skill: str, arrays: dict[str, np.ndarray]) -> Actor:
+    depth = sum(name.startswith(f"{skill}.") and name.endswith(".weight") for name in arrays)
+    nodes = [len(OBSERVES)]
+    weights: list[tuple[Array, Array]] = []
+    for layer in range(min(depth, DEEPEST)):
+        weight = arrays.get(f"{skill}.{layer}.weight", np.zeros(0))
+        bias = arrays.get(f"{skill}.{layer}.bias", np.zeros(0))
+        fits = weight.shape == (bias.size, nodes[-1]) and bias.shape == weight.shape[:1]
+        if not fits or bias.size > WIDEST or not weight.dtype == bias.dtype == np.float32:
+            raise Refusal(f"{path} is damaged: layer {layer} of {skill} has shape {weight.shape}")
+        nodes.append(bias.size)
+        weights.append((jnp.asarray(weight), jnp.asarray(bias)))
+    if not weights or nodes[-1] != len(COMMANDS):
+        raise Refusal(f"{path} is damaged: {skill} is not a network of {len(COMMANDS)} commands")
+    blank = Actor(nodes[0], nodes[-1], tuple(nodes[1:-1]), jax.random.key(0))
+    return eqx.tree_at(
+        lambda actor: [(linear.weight, linear.bias) for linear in actor.layers.linears],
+        blank,
+        weights,
+    )
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,1 @@
+"""How a mission looks: figures for print, a replay for the browser, an animation."""

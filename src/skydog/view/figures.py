@@ -1,0 +1,177 @@
+"""Figures for print: learning curves and trajectories, as PNG, SVG and inline markup."""
+
+import hashlib
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from jaxtyping import Array, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch, Rectangle
+
+from skydog import files
+from skydog.study import metrics
+from skydog.view.colours import ROLES
+from skydog.world import herding
+from skydog.world.mission import Trace
+
+Curve = tuple[np.ndarray, np.ndarray]
+"""What one seed learnt: episodes, and the reward per action in the ten up to each of them."""
+
+STYLE: dict[str, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.edgecolor": "#444444",
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.frameon": False,
+    "svg.hashsalt": "skydog",  # the same figure is the same file
+}
+
+
+def learning_curves(curves: dict[str, list[Curve]]) -> Figure:
+    """Reward per action against episodes, one panel a skill, one curve a seed.
+
+    Several seeds are drawn as their mean and one SD about it, as far as the shortest goes.
+    """
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(3.4 * len(curves), 2.5), layout="constrained")
+        panels = figure.subplots(1, len(curves), squeeze=False)[0]
+        for axes, (skill, seeds) in zip(panels, curves.items(), strict=True):
+            axes.set_title(skill, loc="left")
+            axes.set_xlabel("episode")
+            axes.grid(axis="y", color="#E6E6E6", linewidth=0.6)
+            axes.set_axisbelow(True)
+            _learnt(axes, [seed for seed in seeds if len(seed[0])], ROLES[skill])
+        panels[0].set_ylabel("reward per action\n(every 10 episodes)")
+    return figure
+
+
+def trajectories(traces: dict[str, Trace]) -> Figure:
+    """The paths of sheep, flock and dogs, one panel a shepherd, in metres.
+
+    The shepherds' names are the keys; all are drawn to one scale.
+    """
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(0.3 + 2.9 * len(traces), 4.5), layout="compressed")
+        panels = figure.subplots(1, len(traces), squeeze=False, sharex=True, sharey=True)[0]
+        for axes, (name, trace) in zip(panels, traces.items(), strict=True):
+            ground(axes, trace)
+            _paths(axes, trace)
+            axes.set_title(f"{name}\n{outcome(trace)}", loc="left", parse_math=False)
+        ends = [extent(trace, trace.dogs) for trace in traces.values()]
+        limits = min(low for low, _ in ends), max(high for _, high in ends)
+        panels[0].set(xlim=limits, ylim=limits)
+        figure.legend(handles=_key(), loc="outside lower center", ncols=min(6, 3 * len(traces)))
+    return figure
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write `path`.png, at 150 dpi, and `path`.svg: the same bytes for the same figure."""
+    for suffix in ("png", "svg"):
+        files.write_bytes(path.with_name(f"{path.name}.{suffix}"), _rendered(figure, suffix))
+
+
+def svg(figure: Figure) -> str:
+    """The figure as markup to stand inside a page, where no other figure has its ids."""
+    drawn = _rendered(figure, "svg").decode()
+    markup = drawn[drawn.index("<svg") :]
+    mark = "f" + hashlib.sha256(markup.encode()).hexdigest()[:8]
+    return re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{mark}-", markup)
+
+
+def ground(axes: Axes, trace: Trace) -> None:
+    """Draw what stands still: the arena's walls and the part of the goal disc within them."""
+    arena = trace.world.arena
+    walls = Rectangle((0, 0), arena.size, arena.size, fill=False, edgecolor=ROLES["arena"])
+    x, y = herding.goal(arena).tolist()
+    disc = Circle((x, y), arena.goal_radius, facecolor=ROLES["goal"], alpha=0.15)
+    rim = Circle((x, y), arena.goal_radius, fill=False, edgecolor=ROLES["goal"], linewidth=0.8)
+    for patch in (disc, rim, walls):
+        axes.add_patch(patch)
+    disc.set_clip_path(walls)
+    rim.set_clip_path(walls)
+    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    axes.label_outer()
+
+
+def extent(trace: Trace, *paths: Float[Array, "*instants 2"]) -> tuple[float, float]:
+    """The least and the greatest coordinate to show, in metres: the arena and the paths."""
+    flown = np.concatenate([np.ravel(path) for path in paths])
+    lowest = min(0.0, float(flown.min()))
+    highest = max(float(trace.world.arena.size), float(flown.max()))
+    margin = 0.04 * (highest - lowest)
+    return lowest - margin, highest + margin
+
+
+def outcome(trace: Trace) -> str:
+    """What came of a mission, in a line: its steps and the metres flown."""
+    steps, distance = int(metrics.steps(trace)), float(metrics.distance(trace))
+    failed = "" if metrics.success(trace) else "not accomplished, "
+    return f"{failed}{steps} steps, {distance:.1f} m flown"
+
+
+def _learnt(axes: Axes, seeds: list[Curve], colour: str) -> None:
+    if not seeds:
+        return
+    shortest, _ = min(seeds, key=lambda seed: seed[0][-1])
+    rewards = np.stack([np.interp(shortest, episode, reward) for episode, reward in seeds])
+    mean = rewards.mean(axis=0)
+    axes.plot(shortest, mean, color=colour, linewidth=1.5)
+    if len(seeds) > 1:
+        sd = rewards.std(axis=0, ddof=1)
+        axes.fill_between(shortest, mean - sd, mean + sd, color=colour, alpha=0.3, linewidth=0)
+        axes.set_title(f"mean and SD of {len(seeds)} seeds", loc="right", fontsize=8)
+
+
+def _paths(axes: Axes, trace: Trace) -> None:
+    sheep, dogs = np.asarray(trace.sheep), np.asarray(trace.dogs)
+    for path in np.swapaxes(sheep, 0, 1):
+        axes.plot(*path.T, color=ROLES["sheep"], linewidth=0.7, alpha=0.45)
+    axes.plot(*sheep.mean(axis=1).T, color=ROLES["sheep"], linewidth=1.8)
+    for path in np.swapaxes(dogs, 0, 1):
+        axes.plot(*path.T, color=ROLES["dog"], linewidth=1.2)
+    for role, paths, marker in (("sheep", sheep, "o"), ("dog", dogs, "D")):
+        style = {"marker": marker, "linestyle": "", "markersize": 4, "zorder": 3}
+        axes.plot(*paths[0].T, color=ROLES[role], markerfacecolor="white", **style)
+        axes.plot(*paths[-1].T, color=ROLES[role], **style)
+
+
+def _key() -> list[Line2D | Patch]:
+    sheep, dog = ROLES["sheep"], ROLES["dog"]
+    hollow = {"marker": "o", "color": "#444444", "linestyle": "", "markersize": 4}
+    return [
+        Line2D([], [], color=sheep, linewidth=0.7, alpha=0.45, label="each sheep"),
+        Line2D([], [], color=sheep, linewidth=1.8, label="flock's centre"),
+        Line2D([], [], color=dog, linewidth=1.2, label="dog"),
+        Line2D([], [], markerfacecolor="white", label="start", **hollow),
+        Line2D([], [], label="end", **hollow),
+        Patch(facecolor=ROLES["goal"], alpha=0.3, label="goal"),
+    ]
+
+
+def _rendered(figure: Figure, suffix: str) -> bytes:
+    undated = {"png": ["Software"], "svg": ["Date", "Creator", "Format", "Type"]}[suffix]
+    drawn = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(
+            drawn,
+            format=suffix,
+            dpi=150,
+            bbox_inches="tight",
+            pad_inches=0.05,
+            metadata=dict.fromkeys(undated),
+        )
+    return drawn.getvalue()
