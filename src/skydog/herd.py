@@ -247,7 +247,9 @@ def test(
     else:
         name, steers = "H-DDPG", store.load(Path(shepherd))[0]
     name = scenario(name, world)
-    flown = evaluate.fly(world, steers, cases(world, count, starts, seed, sheep, dogs))
+    starting = cases(world, count, starts, seed, sheep, dogs)
+    key = jax.random.key(seed) if params.noisy(world) else None
+    flown = evaluate.fly(world, steers, starting, key=key)
     results = {name: evaluate.row(flown)}
     if out is not None:
         write_results(out, results)

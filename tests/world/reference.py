@@ -6,6 +6,7 @@ no comparison should depend on.
 """
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,7 +56,11 @@ def group(world, sheep, i):
 def total(world, sheep, dogs, previous, i):
     """Eq. 6; unless literal, with Strömbom's normalised terms and his idea of who moves at all."""
     flock = world.flock
-    flee, crowd, pull = escape(world, sheep, dogs, i), avoid(world, sheep, i), group(world, sheep, i)
+    flee, crowd, pull = (
+        escape(world, sheep, dogs, i),
+        avoid(world, sheep, i),
+        group(world, sheep, i),
+    )
     if flock.literal_forces:
         return (
             flock.inertia * previous[i]
@@ -178,7 +183,7 @@ def accomplished(world, sheep):
 
 def _nearly_equal(values):
     ordered = sorted(values)
-    return any(b - a < CLOSE for a, b in zip(ordered, ordered[1:], strict=False))
+    return any(b - a < CLOSE for a, b in pairwise(ordered))
 
 
 def _nearly_cancels(v):

@@ -28,6 +28,7 @@ OFFSETS = (0.4, 1.3)
 # The first is what makes a sheepdog faster than a rule that merely stands on its point.
 FLOCK_SHARE = 4.0
 DISTANCE_COST = 0.2
+TIME_COST = 0.0
 
 
 class Episode(eqx.Module):
@@ -110,7 +111,7 @@ class Lesson(eqx.Module):
             terminated = arrived
         else:
             reward = (was - now) + FLOCK_SHARE * self._flock_gain(before, after)
-            reward = reward - DISTANCE_COST * now
+            reward = reward - DISTANCE_COST * now - TIME_COST
             terminated = jnp.asarray(False)
         moved = eqx.tree_at(lambda e: e.arrived, moved, episode.arrived | arrived)
         out_of_time = moved.step >= HORIZON[self.reward]

@@ -1,12 +1,12 @@
 """Fly a shepherd through cases, and say how good it was."""
 
-from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PRNGKeyArray
 
 from skydog.study import metrics, statistics
 from skydog.world import mission
@@ -14,9 +14,19 @@ from skydog.world.mission import MAX_STEPS, Shepherd, State, Trace
 from skydog.world.params import World
 
 
-def fly(world: World, shepherd: Shepherd, cases: State, steps: int = MAX_STEPS) -> Trace:
-    """One mission a case, all in one compiled call: a trace with the cases along its first axis."""
-    return _fly(_traced(world), _traced(shepherd), cases, steps)
+def fly(
+    world: World,
+    shepherd: Shepherd,
+    cases: State,
+    steps: int = MAX_STEPS,
+    key: PRNGKeyArray | None = None,
+) -> Trace:
+    """One mission a case, all in one compiled call: a trace with the cases along its first axis.
+
+    `key` draws the noise that the world's parameters ask for; None flies without any.
+    """
+    keys = None if key is None else jax.random.split(key, len(cases.sheep))
+    return _fly(_traced(world), _traced(shepherd), cases, steps, keys)
 
 
 def row(traces: Trace) -> dict[str, Any]:
@@ -43,9 +53,14 @@ def _measure(traces: Trace) -> dict[str, Any]:
     return {measure.__name__: jax.vmap(measure)(traces) for measure in measures}
 
 
-@partial(eqx.filter_jit)
-def _fly(world: World, shepherd: Shepherd, cases: State, steps: int) -> Trace:
-    return jax.vmap(lambda state: mission.rollout(world, shepherd, state, steps))(cases)
+@eqx.filter_jit
+def _fly(
+    world: World, shepherd: Shepherd, cases: State, steps: int, keys: PRNGKeyArray | None
+) -> Trace:
+    def one(case: State, key: PRNGKeyArray | None) -> Trace:
+        return mission.rollout(world, shepherd, case, steps, key)
+
+    return jax.vmap(one)(cases, keys)
 
 
 def _traced(tree: Any) -> Any:

@@ -3,12 +3,14 @@
 import io
 import math
 from collections.abc import Callable
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from PIL import Image
 
@@ -39,54 +41,55 @@ def gif(traces: dict[str, Trace]) -> bytes:
             frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
     film = io.BytesIO()
     durations = [FRAME] * (len(frames) - 1) + [END]
-    frames[0].save(
-        film, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0
-    )
+    frames[0].save(film, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
     return film.getvalue()
 
 
 def _scene(axes: Axes, name: str, trace: Trace) -> Callable[[int], None]:
-    """Draw a mission's first instant; return what moves the drawing to another instant."""
+    """Draw a mission; return what moves the drawing to an instant of it."""
     sheep, dogs, subgoal = map(np.asarray, (trace.sheep, trace.dogs, trace.subgoal))
     drives = np.asarray(trace.drives)
-    centre = sheep.mean(axis=1)
     end = int(metrics.steps(trace))
+    flock = trace.world.flock
     limits = extent(trace, trace.dogs, trace.subgoal)
     ground(axes, trace)
     axes.set(xlim=limits, ylim=limits)
     axes.set_title(name, loc="left", parse_math=False)
     clock = axes.set_title("", loc="right", bbox={"edgecolor": "none", "pad": 2})
-    trails = [axes.plot([], [], color=ROLES["sheep"], linewidth=0.8, alpha=0.5)[0] for _ in sheep[0]]
-    flights = [axes.plot([], [], color=ROLES["dog"], linewidth=1.2)[0] for _ in dogs[0]]
-    aims = [axes.plot([], [], linewidth=1.2, linestyle=":")[0] for _ in dogs[0]]
-    gathered = Circle((0, 0), herding.gathered_radius(trace.world.flock, sheep.shape[1]), fill=False)
-    gathered.set(edgecolor="#444444", linewidth=0.8, linestyle="--")
-    sights = [Circle((0, 0), float(trace.world.flock.sensing), alpha=0.08) for _ in dogs[0]]
-    for circle in (gathered, *sights):
-        axes.add_patch(circle)
+
+    spread = float(herding.gathered_radius(flock, sheep.shape[1]))
+    gathered = Circle((0, 0), spread, fill=False, edgecolor="#444444", linestyle="--")
+    axes.add_patch(gathered)
+    sights = [Circle((0, 0), float(flock.sensing), alpha=0.08, color=ROLES["dog"]) for _ in dogs[0]]
     for sight in sights:
-        sight.set(facecolor=ROLES["dog"], edgecolor="none")
+        axes.add_patch(sight)
+    trails = [_line(axes, color=ROLES["sheep"], linewidth=0.8, alpha=0.5) for _ in sheep[0]]
+    flights = [_line(axes, color=ROLES["dog"], linewidth=1.2) for _ in dogs[0]]
+    ways = [_line(axes, linewidth=2) for _ in dogs[0]]
     dots = {"markersize": 6, "linestyle": "", "zorder": 3}
-    (flock,) = axes.plot([], [], "o", color=ROLES["sheep"], **dots)
-    (pack,) = axes.plot([], [], "D", color=ROLES["dog"], **dots)
-    (crosses,) = axes.plot([], [], "x", color=ROLES["subgoal"], markeredgewidth=2, **dots)
+    crosses = _line(axes, marker="x", color=ROLES["subgoal"], markeredgewidth=2, **dots)
+    flock_now = _line(axes, marker="o", color=ROLES["sheep"], **dots)
+    dogs_now = _line(axes, marker="D", color=ROLES["dog"], **dots)
 
     def move(instant: int) -> None:
         now = min(instant, end)
-        flock.set_data(*sheep[now].T)
-        pack.set_data(*dogs[now].T)
+        flock_now.set_data(*sheep[now].T)
+        dogs_now.set_data(*dogs[now].T)
         crosses.set_data(*subgoal[now].T)
-        gathered.center = tuple(centre[now])
+        gathered.center = tuple(sheep[now].mean(axis=0))
         for which, trail in enumerate(trails):
             trail.set_data(*sheep[: now + 1, which].T)
-        for which, (flight, aim, sight) in enumerate(zip(flights, aims, sights, strict=True)):
+        for which, (flight, way, sight) in enumerate(zip(flights, ways, sights, strict=True)):
             flight.set_data(*dogs[: now + 1, which].T)
-            aim.set_data(*np.stack([dogs[now, which], subgoal[now, which]]).T)
-            aim.set_color(behaviour(bool(drives[now, which])))
+            way.set_data(*np.stack([dogs[now, which], subgoal[now, which]]).T)
+            way.set_color(behaviour(bool(drives[now, which])))
             sight.center = tuple(dogs[now, which])
         together = bool(drives[now].all())
         clock.set_text(f"{'driving' if together else 'collecting'}, step {now}")
         clock.set_backgroundcolor(behaviour(together))
 
-    move(0)
     return move
+
+
+def _line(axes: Axes, **style: Any) -> Line2D:
+    return axes.plot([], [], **style)[0]

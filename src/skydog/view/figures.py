@@ -23,7 +23,7 @@ from skydog.world.mission import Trace
 Curve = tuple[np.ndarray, np.ndarray]
 """What one seed learnt: episodes, and the reward per action in the ten up to each of them."""
 
-STYLE: dict[str, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.edgecolor": "#444444",
@@ -40,7 +40,7 @@ STYLE: dict[str, Any] = {
 
 
 def learning_curves(curves: dict[str, list[Curve]]) -> Figure:
-    """Reward per action against episodes, one panel a skill, one curve a seed.
+    """Reward per action against episodes, one panel a skill.
 
     Several seeds are drawn as their mean and one SD about it, as far as the shortest goes.
     """
@@ -93,10 +93,11 @@ def svg(figure: Figure) -> str:
 def ground(axes: Axes, trace: Trace) -> None:
     """Draw what stands still: the arena's walls and the part of the goal disc within them."""
     arena = trace.world.arena
-    walls = Rectangle((0, 0), arena.size, arena.size, fill=False, edgecolor=ROLES["arena"])
-    x, y = herding.goal(arena).tolist()
-    disc = Circle((x, y), arena.goal_radius, facecolor=ROLES["goal"], alpha=0.15)
-    rim = Circle((x, y), arena.goal_radius, fill=False, edgecolor=ROLES["goal"], linewidth=0.8)
+    size, radius = float(arena.size), float(arena.goal_radius)
+    goal = tuple(herding.goal(arena).tolist())
+    walls = Rectangle((0, 0), size, size, fill=False, edgecolor=ROLES["arena"])
+    disc = Circle(goal, radius, facecolor=ROLES["goal"], alpha=0.15)
+    rim = Circle(goal, radius, fill=False, edgecolor=ROLES["goal"], linewidth=0.8)
     for patch in (disc, rim, walls):
         axes.add_patch(patch)
     disc.set_clip_path(walls)

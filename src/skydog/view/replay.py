@@ -28,7 +28,9 @@ def save(path: Path, traces: dict[str, Trace]) -> None:
     elif path.suffix == ".gif":
         files.write_bytes(path, gif(traces))
     else:
-        raise Refusal(f"no replay is written as {path.suffix!r}; name {path.stem}.html or .gif")
+        raise Refusal(
+            f"no replay is written as {path.suffix!r}; name {path.stem}.html or {path.stem}.gif"
+        )
 
 
 def page(traces: dict[str, Trace]) -> str:
@@ -41,16 +43,17 @@ def player(traces: dict[str, Trace]) -> str:
     """The replay as a fragment to put inside any page; takes its ink from the page's text."""
     template = resources.files("skydog.view").joinpath("replay.html").read_text("utf-8")
     missions = [_mission(name, trace) for name, trace in traces.items()]
+    data = json.dumps(missions, allow_nan=False, separators=(",", ":"))
     return fill(
         template,
         colours=" ".join(f"--{role}: {colour};" for role, colour in ROLES.items()),
         # A name may hold `</script>`: JSON can spell it without a `<`.
-        missions=json.dumps(missions, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+        missions=data.replace("<", "\\u003c"),
     )
 
 
 def _mission(name: str, trace: Trace) -> dict[str, Any]:
-    """What the page draws: metres, seconds and m/s, up to the instant that accomplished it."""
+    """What the page draws: metres and seconds, up to the instant that accomplished it."""
     until = int(metrics.steps(trace)) + 1
     sheep, dogs, subgoal = (np.asarray(a)[:until] for a in (trace.sheep, trace.dogs, trace.subgoal))
     flights = np.linalg.norm(np.diff(dogs, axis=0, prepend=dogs[:1]), axis=-1).sum(axis=1)
@@ -61,7 +64,7 @@ def _mission(name: str, trace: Trace) -> dict[str, Any]:
         "radius": _rounded(trace.world.arena.goal_radius),
         "sensing": _rounded(trace.world.flock.sensing),
         "gathered": _rounded(herding.gathered_radius(trace.world.flock, sheep.shape[1])),
-        "extent": _rounded(extent(trace, dogs, subgoal)),
+        "extent": _rounded(extent(trace, trace.dogs, trace.subgoal)),
         "accomplished": bool(metrics.success(trace)),
         "time": _rounded(trace.time[:until]),
         "flown": _rounded(np.cumsum(flights)),

@@ -164,6 +164,15 @@ def preset(name: str = "paper", arena: float | None = None, sheep: int = 3) -> W
     return world
 
 
+def noisy(world: World) -> bool:
+    """Whether the world's parameters ask for chance: a mission in it then needs a key."""
+    flock, dog = world.flock, world.dog
+    return any(
+        float(chance) != 0.0
+        for chance in (flock.noise, flock.graze, dog.actuation_noise, dog.perception_noise)
+    )
+
+
 def flatten(world: World) -> dict[str, float | int | bool | None]:
     """The parameters by dotted name, `flock.speed` and so on, as plain numbers for a file."""
     return {

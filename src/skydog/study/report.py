@@ -1,0 +1,154 @@
+"""The report: the results table, in a terminal, in Markdown and in one self-contained page."""
+
+import re
+from dataclasses import dataclass
+from html import escape
+from importlib import resources
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+COLUMNS = (
+    "scenario",
+    "success",
+    "steps",
+    "steps (GCM)",
+    "distance (m)",
+    "paper: success",
+    "paper: steps (GCM)",
+    "paper: distance (m)",
+)
+HOW_TO_READ = (
+    "Each figure is mean ± SD over the cases, with the bootstrap 95 % interval of the mean in "
+    "brackets. Steps last until every sheep is home and gathered; steps (GCM) until the flock's "
+    "centre is home, which is what the paper counts."
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scenario: our figures as `study.evaluate.row` gives them, and the paper's, if any."""
+
+    scenario: str
+    ours: dict[str, Any]
+    paper: dict[str, Any] | None = None
+
+
+def cells(row: Row) -> list[str]:
+    """What stands under each of `COLUMNS`, to the digits that the paper prints.
+
+    A line break parts a figure from its interval.
+    """
+    ours, paper = row.ours, row.paper or {}
+    return [
+        row.scenario,
+        _share(ours.get("success"), ours.get("cases")),
+        _figure(ours.get("steps"), ".0f"),
+        _figure(ours.get("steps_gcm"), ".0f"),
+        _figure(ours.get("distance"), ".1f"),
+        _share(paper.get("success")),
+        _figure(paper.get("steps"), "g"),
+        _figure(paper.get("distance"), "g"),
+    ]
+
+
+def table(rows: list[Row]) -> Table:
+    """The results, for a terminal."""
+    drawn = Table(
+        box=SIMPLE_HEAD,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
+        caption=HOW_TO_READ,
+        caption_justify="left",
+    )
+    drawn.add_column(COLUMNS[0], no_wrap=True)
+    for name in COLUMNS[1:]:
+        drawn.add_column(name, justify="right", min_width=max(map(len, name.split())))
+    for row in rows:
+        drawn.add_row(*map(Text, cells(row)))
+    return drawn
+
+
+def markdown(rows: list[Row]) -> str:
+    """The results as a Markdown table."""
+    lines = [COLUMNS, ("---", *["---:"] * (len(COLUMNS) - 1)), *map(cells, rows)]
+    return "".join(
+        "| " + " | ".join(_one_line(cell).replace("|", "\\|") for cell in line) + " |\n"
+        for line in lines
+    )
+
+
+def report(
+    rows: list[Row], figures: dict[str, str], player: str, command: str, notes: list[str]
+) -> str:
+    """One HTML page with everything in it.
+
+    `figures` are inline SVG by caption and `player` is the replay as an HTML fragment, both
+    from `skydog.view`; `command` is what the user typed and `notes` are sentences, as text.
+    """
+    shown = "".join(
+        f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+        for caption, svg in figures.items()
+    )
+    told = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    sections = {"Results": _html(rows), "Figures": shown, "Replay": player, "Notes": told}
+    return document(
+        "Aerial shepherding: results",
+        "<p>A drone herds ground robots to a goal. Every scenario was flown from its cases and "
+        "measured; what the paper printed for it stands beside. Made by "
+        f"<code>{escape(command)}</code>.</p>"
+        + "".join(f"<h2>{name}</h2>{body}" for name, body in sections.items() if body),
+    )
+
+
+def document(title: str, body: str) -> str:
+    """A page of HTML that needs no other file; `title` is text and `body` is markup."""
+    template = resources.files("skydog.study").joinpath("report.html").read_text("utf-8")
+    return fill(template, title=escape(title), body=body)
+
+
+def fill(template: str, **values: str) -> str:
+    """The template with each `{{name}}` in it replaced, once, by the value of that name."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], template)
+
+
+def _html(rows: list[Row]) -> str:
+    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{_two_lines(cell)}</td>" for cell in cells(row)) + "</tr>"
+        for row in rows
+    )
+    return (
+        f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+        f'<p class="quiet">{HOW_TO_READ}</p>'
+    )
+
+
+def _share(share: float | None, cases: int | None = None) -> str:
+    if share is None:
+        return "—"
+    return f"{100 * share:.4g} %" + (f"\nof {cases}" if cases is not None else "")
+
+
+def _figure(figure: dict[str, Any] | None, form: str) -> str:
+    if figure is None:
+        return "—"
+    text = format(figure["mean"], form)
+    if "sd" in figure:
+        text += f" ± {figure['sd']:{form}}"
+    if "ci95" in figure:
+        low, high = figure["ci95"]
+        text += f"\n[{low:{form}}, {high:{form}}]"
+    return text
+
+
+def _one_line(cell: str) -> str:
+    return cell.replace("\n", " ")
+
+
+def _two_lines(cell: str) -> str:
+    figure, *interval = escape(cell).split("\n")
+    return figure + "".join(f"<br><small>{line}</small>" for line in interval)

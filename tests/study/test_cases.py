@@ -1,0 +1,59 @@
+import jax
+import numpy as np
+import pytest
+
+from skydog.errors import Refusal
+from skydog.study.cases import PAPER_LAYOUT, cases
+from skydog.world import herding
+from skydog.world.params import preset
+
+WORLD = preset("paper", 6.0)
+
+
+@pytest.mark.parametrize("starts", ["paper", "random"])
+def test_the_same_arguments_give_the_same_cases_and_another_seed_gives_others(starts):
+    first, again = cases(WORLD, 5, starts, seed=3), cases(WORLD, 5, starts, seed=3)
+    for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
+        assert np.array_equal(one, other)
+    assert not np.any(np.asarray(cases(WORLD, 5, starts, seed=4).dogs) == np.asarray(first.dogs))
+
+
+def test_paper_starts_place_the_same_three_sheep_and_vary_the_dogs():
+    drawn = cases(WORLD, 5, "paper", dogs=2)
+    assert drawn.sheep.shape == (5, 3, 2)
+    for sheep in drawn.sheep:
+        np.testing.assert_allclose(sheep, 6.0 * np.array(PAPER_LAYOUT), rtol=1e-6)
+    dogs = np.asarray(drawn.dogs).reshape(-1, 2)
+    assert len(np.unique(dogs, axis=0)) == 10
+    assert np.all((dogs >= 0.0) & (dogs <= 6.0))
+    assert np.all(np.asarray(drawn.force) == 0.0)
+
+
+def test_the_paper_flock_starts_gathered_in_the_small_arena():
+    world = preset("paper", 4.0)
+    assert herding.gathered(world.flock, cases(world, 5).sheep[0])
+
+
+def test_random_starts_draw_every_flock_anew_on_the_far_side_of_the_goal():
+    drawn = cases(WORLD, 5, "random")
+    sheep = np.asarray(drawn.sheep)
+    assert sheep.shape == (5, 3, 2)
+    assert np.all((sheep >= 3.0) & (sheep <= 5.7))
+    assert len(np.unique(sheep.reshape(-1, 2), axis=0)) == 15
+
+
+@pytest.mark.parametrize(
+    ("asked", "bad", "remedy"),
+    [
+        ({"count": 0}, "0", "--cases"),
+        ({"count": -3}, "-3", "--cases"),
+        ({"sheep": 4}, "4", "--starts random"),
+        ({"sheep": 0, "starts": "random"}, "0", "--sheep"),
+        ({"dogs": 0}, "0", "--dogs"),
+    ],
+)
+def test_cases_that_cannot_be_are_refused_with_the_bad_value_and_the_remedy(asked, bad, remedy):
+    with pytest.raises(Refusal) as refusal:
+        cases(WORLD, **asked)
+    assert bad in str(refusal.value)
+    assert remedy in str(refusal.value)

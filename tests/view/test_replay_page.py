@@ -1,0 +1,133 @@
+import dataclasses
+import io
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flights import herded, two_dogs_cut_short
+from PIL import Image
+
+from skydog.errors import Refusal
+from skydog.study import metrics
+from skydog.view import replay
+from skydog.view.colours import ROLES
+
+WICKED = "</script><b>&amp; {{colours}} <!--"
+
+
+class Reader(HTMLParser):
+    """The scripts of a page, and its tags, as a browser would tell them apart."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.scripts = [], []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_data(self, data):
+        if self.scripts and self.lasttag == "script":
+            self.scripts[-1] += data
+
+
+def missions(page):
+    return json.loads(Reader(page).scripts[0])
+
+
+def test_a_page_refers_to_nothing_outside_itself():
+    page = replay.page({"Strömbom": herded()})
+    assert not re.search(r"https?:|//\w+\.\w+/|\bsrc=|\bhref=|@import|url\(|fetch\(|import\(", page)
+    assert not {"link", "img", "iframe", "object"} & set(Reader(page).tags)
+
+
+@pytest.mark.parametrize("trace", [herded, two_dogs_cut_short])
+def test_a_page_holds_the_mission_to_the_millimetre_up_to_its_end(trace):
+    trace = trace()
+    (shown,) = missions(replay.page({"Strömbom": trace}))
+    instants = int(metrics.steps(trace)) + 1
+    for name in ("time", "sheep", "dogs", "subgoal"):
+        whole = np.asarray(getattr(trace, name))
+        assert np.shape(shown[name]) == (instants, *whole.shape[1:])
+        np.testing.assert_allclose(shown[name], whole[:instants], atol=0.501e-3)
+    np.testing.assert_array_equal(shown["drives"], trace.drives[:instants])
+    assert shown["accomplished"] == bool(metrics.success(trace))
+    assert len(shown["flown"]) == instants
+    assert shown["flown"][-1] == pytest.approx(float(metrics.distance(trace)), abs=1e-3)
+    low, high = shown["extent"]
+    assert low < np.min(shown["dogs"])
+    assert high > np.max(shown["subgoal"])
+
+
+def test_a_name_cannot_break_out_of_the_page():
+    plain, wicked = (replay.page({name: herded()}) for name in ("plain", WICKED))
+    assert missions(wicked)[0]["name"] == WICKED
+    assert Reader(wicked).tags == Reader(plain).tags
+
+
+def test_a_page_knows_the_colour_of_every_role():
+    page = replay.page({"Strömbom": herded()})
+    for role, colour in ROLES.items():
+        assert f"--{role}: {colour};" in page
+
+
+def test_the_page_is_written_with_the_player_in_it(tmp_path):
+    traces = {"one": herded(), "two": two_dogs_cut_short()}
+    replay.save(tmp_path / "replay.html", traces)
+    assert replay.player(traces) in (tmp_path / "replay.html").read_text("utf-8")
+
+
+def test_an_animation_moves_stays_small_and_holds_its_end(tmp_path):
+    replay.save(tmp_path / "replay.gif", {"Strömbom": herded()})
+    content = (tmp_path / "replay.gif").read_bytes()
+    assert len(content) < 2_000_000
+    film = Image.open(io.BytesIO(content))
+    assert film.size == (480, 480)
+    last = getattr(film, "n_frames", 1) - 1
+    assert last == pytest.approx(int(metrics.steps(herded())) / 2, abs=1)
+    shots, durations = [], []
+    for number in (0, last // 2, last):
+        film.seek(number)
+        shots.append(np.asarray(film.convert("RGB")))
+        durations.append(film.info["duration"])
+    assert durations == [80, 80, 1500]
+    assert (shots[0] != shots[1]).any()
+    assert (shots[1] != shots[2]).any()
+
+
+def test_missions_of_one_animation_stand_side_by_side():
+    traces = {"one": two_dogs_cut_short(), "two": two_dogs_cut_short()}
+    assert Image.open(io.BytesIO(replay.gif(traces))).size == (960, 480)
+
+
+@pytest.mark.parametrize("name", ["replay.mp4", "replay"])
+def test_another_suffix_is_refused_and_nothing_written(tmp_path, name):
+    with pytest.raises(Refusal, match=r"replay\.html or replay\.gif"):
+        replay.save(tmp_path / name, {"Strömbom": herded()})
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_script_of_the_page_parses(tmp_path):
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not on the PATH, so the page's script is not parsed")
+    _, *scripts = Reader(replay.page({"Strömbom": herded()})).scripts
+    assert len(scripts) == 2
+    for script in scripts:
+        (tmp_path / "script.js").write_text(script)
+        subprocess.run([node, "--check", tmp_path / "script.js"], check=True, capture_output=True)
+
+
+def test_a_number_that_is_not_finite_is_never_written(tmp_path):
+    trace = dataclasses.replace(herded(), dogs=jnp.nan * herded().dogs)
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        replay.save(tmp_path / "replay.html", {"lost": trace})
+    assert not list(tmp_path.iterdir())

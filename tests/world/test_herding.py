@@ -1,0 +1,187 @@
+import math
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from drawn import numbers, open_scenes, scenes
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from skydog.world import herding
+from skydog.world.params import preset
+
+SEVERAL = [(3, 2), (5, 3)]
+
+
+@jax.jit
+def gate(world, state):
+    return herding.gate(world, state.sheep, state.dogs)
+
+
+@jax.jit
+def driving_points(world, state):
+    return herding.driving_points(world, state.sheep, state.dogs)
+
+
+@given(scenes())
+def test_subgoals_and_behaviours_are_those_of_the_paper(scene):
+    world, state = scene
+    sheep, dogs, _ = numbers(state)
+    assume(not reference.gate_is_close_call(world, sheep, dogs))
+    subgoal, drives = gate(world, state)
+    expected_subgoal, expected_drives = reference.gate(world, sheep, dogs)
+    np.testing.assert_allclose(subgoal, expected_subgoal, atol=1e-4)
+    assert np.array_equal(drives, expected_drives)
+
+
+@given(scenes(shapes=[(2, 1), (3, 1)]))
+def test_of_strays_equally_far_one_is_collected(scene):
+    world, state = scene
+    sheep, _, _ = numbers(state)
+    assume(not reference.gathered_is_close_call(world, sheep))
+    subgoal, drives = gate(world, state)
+    if not drives[0]:
+        furthest = reference.furthest_distance(sheep)
+        centre = sheep.mean(axis=0)
+        beyond = world.arena.size + world.dog.airspace
+        points = [
+            np.clip(reference.collecting_point(world, sheep, i), -world.dog.airspace, beyond)
+            for i in range(len(sheep))
+            if reference.length(sheep[i] - centre) > furthest - 1e-4
+        ]
+        assert min(reference.length(np.asarray(subgoal[0]) - point) for point in points) < 1e-4
+
+
+@given(scenes())
+def test_subgoals_are_finite_and_within_the_airspace(scene):
+    world, state = scene
+    subgoal, _ = gate(world, state)
+    assert np.all(np.isfinite(subgoal))
+    assert np.all(np.asarray(subgoal) >= -world.dog.airspace)
+    assert np.all(np.asarray(subgoal) <= np.float32(world.arena.size + world.dog.airspace))
+
+
+@given(open_scenes(shapes=[(3, 1), *SEVERAL]))
+def test_driving_points_lie_apart_at_the_offset_from_the_centre(scene):
+    world, state = scene
+    sheep, dogs, _ = numbers(state)
+    centre = sheep.mean(axis=0)
+    assume(reference.length(centre - reference.goal(world)) > 1e-3)
+    points = np.asarray(driving_points(world, state))
+    offset = world.dog.driving * math.sqrt(len(sheep))
+    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), offset, rtol=1e-4)
+    nearest_two = 2 * offset * math.sin(math.pi / 10)
+    for j in range(len(dogs)):
+        for k in range(j):
+            assert np.linalg.norm(points[j] - points[k]) > nearest_two - 1e-3
+
+
+@given(open_scenes(shapes=SEVERAL))
+def test_the_driving_points_of_several_dogs_straddle_that_of_one(scene):
+    world, state = scene
+    sheep, dogs, _ = numbers(state)
+    assume(reference.length(sheep.mean(axis=0) - reference.goal(world)) > 1e-3)
+    spread = (np.arange(len(dogs)) - (len(dogs) - 1) / 2) * math.pi / 5
+    places = [reference.driving_point(world, sheep, angle) for angle in spread]
+    points = np.asarray(driving_points(world, state))
+    by_x = sorted(points.round(3).tolist())
+    np.testing.assert_allclose(by_x, sorted(np.round(places, 3).tolist()), atol=2e-3)
+
+
+@given(open_scenes(shapes=SEVERAL))
+def test_dogs_take_their_places_behind_the_flock_in_the_order_in_which_they_stand(scene):
+    world, state = scene
+    sheep, dogs, _ = numbers(state)
+    assume(not reference.gate_is_close_call(world, sheep, dogs))
+    points = np.asarray(driving_points(world, state), float)
+    stand = np.argsort([reference.bearing(world, sheep, dog) for dog in dogs])
+    fly_to = np.argsort([reference.bearing(world, sheep, point) for point in points])
+    assert np.array_equal(stand, fly_to)
+
+
+def flock_with_strays(count):
+    near = [[2.9, 3.0], [3.1, 3.0], [3.0, 2.9], [3.0, 3.1], [3.0, 3.0]]
+    far = [[0.2, 5.8], [5.7, 0.4], [5.5, 5.5]]
+    world = preset("paper", 6.0)
+    tight = replace(world, flock=replace(world.flock, spread=0.5))
+    return tight, jnp.array(near + far[:count])
+
+
+@pytest.mark.parametrize("dogs", [2, 3])
+def test_several_dogs_collect_different_strays_and_the_nearest_dog_the_furthest(dogs):
+    world, sheep = flock_with_strays(dogs)
+    standing = jnp.array([[3.0, 1.0], [5.0, 3.0], [1.0, 5.0]])[:dogs]
+    target, busy = herding.collecting_points(world, sheep, standing)
+    assert np.all(busy)
+    centre = np.mean(np.asarray(sheep), axis=0)
+    strays = [
+        int(np.argmin(np.linalg.norm(np.asarray(sheep) - np.asarray(point), axis=1)))
+        for point in target
+    ]
+    assert sorted(strays) == list(range(5, 5 + dogs))
+    furthest = int(np.argmax(np.linalg.norm(np.asarray(sheep) - centre, axis=1)))
+    point = np.asarray(target)[strays.index(furthest)]
+    away = np.linalg.norm(np.asarray(standing) - point, axis=1)
+    assert strays[int(np.argmin(away))] == furthest
+
+
+def test_a_dog_that_finds_no_stray_left_drives_while_the_other_collects():
+    world, sheep = flock_with_strays(1)
+    subgoal, drives = herding.gate(world, sheep, jnp.array([[5.0, 5.0], [0.5, 5.0]]))
+    assert drives.tolist() == [True, False]
+    centre = np.mean(np.asarray(sheep), axis=0)
+    stray = np.asarray(sheep[5])
+    behind = stray + (stray - centre) / np.linalg.norm(stray - centre)
+    np.testing.assert_allclose(subgoal[1], behind, atol=1e-5)
+
+
+def test_more_dogs_than_sheep_are_all_sent_somewhere():
+    world = preset("paper", 6.0)
+    sheep = jnp.array([[0.5, 5.5], [5.5, 0.5]])
+    subgoal, drives = herding.gate(world, sheep, jnp.array([[1.0, 1.0], [2.0, 1.0], [5.0, 5.0]]))
+    assert np.all(np.isfinite(subgoal))
+    assert int(np.sum(~np.asarray(drives))) == 2
+
+
+@given(open_scenes(shapes=[(3, 1), (3, 2)]), st.sampled_from([(8.0, -3.0), (-5.5, 7.25)]))
+def test_subgoals_move_along_with_everything_else(scene, shift):
+    world, state = scene
+    sheep, dogs, _ = numbers(state)
+    assume(not reference.gate_is_close_call(world, sheep, dogs))
+    x, y = shift
+    arena = replace(world.arena, goal_x=world.arena.goal_x + x, goal_y=world.arena.goal_y + y)
+    offset = jnp.array(shift)
+    moved = replace(state, sheep=state.sheep + offset, dogs=state.dogs + offset)
+    subgoal, drives = gate(world, state)
+    moved_subgoal, moved_drives = gate(replace(world, arena=arena), moved)
+    np.testing.assert_allclose(moved_subgoal, subgoal + offset, atol=1e-3)
+    assert np.array_equal(moved_drives, drives)
+
+
+@given(scenes(shapes=SEVERAL), st.randoms(use_true_random=False))
+def test_neither_the_order_of_sheep_nor_that_of_dogs_decides_who_flies_where(scene, random):
+    world, state = scene
+    sheep, dogs, _ = numbers(state)
+    assume(not reference.gate_is_close_call(world, sheep, dogs))
+    of_sheep, of_dogs = list(range(len(sheep))), list(range(len(dogs)))
+    random.shuffle(of_sheep)
+    random.shuffle(of_dogs)
+    subgoal, drives = gate(world, state)
+    shuffled = replace(
+        state, sheep=state.sheep[jnp.array(of_sheep)], dogs=state.dogs[jnp.array(of_dogs)]
+    )
+    other_subgoal, other_drives = gate(world, shuffled)
+    np.testing.assert_allclose(other_subgoal, np.asarray(subgoal)[of_dogs], atol=1e-4)
+    assert np.array_equal(other_drives, np.asarray(drives)[of_dogs])
+
+
+def test_the_gate_drives_up_to_a_flock_as_wide_as_f_of_n():
+    world = preset("paper", 6.0)
+    just_in = jnp.array([[3.0 - 1.2999, 3.0], [3.0 + 1.2999, 3.0], [3.0, 3.0]])
+    just_out = jnp.array([[3.0 - 1.3001, 3.0], [3.0 + 1.3001, 3.0], [3.0, 3.0]])
+    dogs = jnp.array([[5.0, 5.0]])
+    assert bool(herding.gate(world, just_in, dogs)[1][0])
+    assert not bool(herding.gate(world, just_out, dogs)[1][0])

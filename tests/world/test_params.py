@@ -1,0 +1,137 @@
+import json
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skydog.errors import Refusal
+from skydog.world import herding
+from skydog.world.params import PRESETS, World, flatten, preset, unflatten
+
+
+def test_the_paper_preset_holds_the_numbers_of_the_papers_table():
+    world = preset("paper")
+    assert world.flock.avoidance == 1.0
+    assert world.flock.sensing == 2.0
+    assert world.flock.speed == 0.5
+    assert world.dog.speed == 1.0
+    assert world.dog.per_axis
+    assert world.arena.goal_radius == 2.0
+    assert world.arena.dt == 0.1
+    assert math.isclose(herding.gathered_radius(world.flock, 3), 1.3)
+    assert not world.flock.literal_forces
+
+
+def test_the_strombom_preset_holds_the_numbers_of_the_2014_model():
+    world = preset("strombom2014", sheep=46)
+    flock = world.flock
+    assert (flock.avoidance, flock.sensing, flock.inertia, flock.grouping) == (2, 65, 0.5, 1.05)
+    assert (flock.escape, flock.repulsion, flock.noise, flock.graze) == (1, 2, 0.3, 0.05)
+    assert (flock.speed, world.dog.speed, world.arena.size) == (1, 1.5, 150)
+    assert world.dog.stall == 3 * flock.avoidance
+    assert math.isclose(herding.gathered_radius(flock, 46), 2 * 46 ** (2 / 3))
+
+
+def test_the_printed_weight_is_the_only_difference_of_paper_w05():
+    usual, printed = flatten(preset("paper")), flatten(preset("paper-w05"))
+    assert {name for name in usual if usual[name] != printed[name]} == {"flock.repulsion"}
+    assert printed["flock.repulsion"] == 0.5
+
+
+@pytest.mark.parametrize("sheep", [5, 6, 10, 50])
+def test_a_dog_at_the_driving_point_of_a_larger_paper_flock_is_seen_from_its_centre(sheep):
+    world = preset("paper", 50.0, sheep)
+    assert world.dog.driving * math.sqrt(sheep) < world.flock.sensing
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_has_finite_numbers_and_round_trips_through_json(name):
+    world = preset(name)
+    plain = flatten(world)
+    numbers = [v for v in plain.values() if isinstance(v, float)]
+    assert len(numbers) > 10
+    assert all(math.isfinite(v) for v in numbers)
+    assert unflatten(json.loads(json.dumps(plain, allow_nan=False))) == world
+
+
+def test_a_world_of_arrays_flattens_to_plain_numbers():
+    world = preset("paper", 6.0)
+    arrays = jax.tree.map(jnp.float32, world)
+    plain = flatten(arrays)
+    json.dumps(plain)
+    for name, value in flatten(world).items():
+        if isinstance(value, float):
+            np.testing.assert_allclose(plain[name], value, rtol=1e-6)
+        else:
+            assert plain[name] == value
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_an_arena_and_a_flock_of_another_size_are_as_asked(name):
+    world = preset(name, arena=200.0, sheep=7)
+    assert isinstance(world, World)
+    assert world.arena.size == 200.0
+
+
+@pytest.mark.parametrize(
+    ("asked", "bad", "remedy"),
+    [
+        ({"name": "papr"}, "papr", "paper, paper-w05, strombom2014"),
+        ({"name": ""}, "''", "paper, paper-w05, strombom2014"),
+        ({"arena": 0.0}, "0", "--arena 4"),
+        ({"arena": -1.0}, "-1", "--arena 4"),
+        ({"arena": 2.0}, "2.0", "--arena 4"),
+        ({"arena": math.nan}, "nan", "--arena 4"),
+        ({"arena": math.inf}, "inf", "--arena 4"),
+        ({"sheep": 0}, "0", "--sheep 3"),
+        ({"sheep": -2}, "-2", "--sheep 3"),
+        ({"name": "strombom2014", "arena": 15.0, "sheep": 46}, "15", "--arena"),
+    ],
+)
+def test_a_preset_that_cannot_be_is_refused_with_the_bad_value_and_the_remedy(asked, bad, remedy):
+    with pytest.raises(Refusal) as refusal:
+        preset(**asked)
+    message = str(refusal.value)
+    assert bad in message
+    assert remedy in message
+    assert "\n" not in message
+
+
+def test_the_remedy_of_a_refused_arena_is_accepted():
+    with pytest.raises(Refusal) as refusal:
+        preset("strombom2014", arena=15.0, sheep=100)
+    preset("strombom2014", arena=float(str(refusal.value).split("--arena ")[1]), sheep=100)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("flock.speed", "fast"),
+        ("flock.speed", None),
+        ("flock.speed", True),
+        ("flock.speed", math.nan),
+        ("arena.size", math.inf),
+        ("arena.size", [4.0]),
+        ("flock.neighbours", 2.5),
+        ("flock.neighbours", 0),
+        ("flock.literal_forces", 3),
+        ("dog.per_axis", None),
+    ],
+)
+def test_a_parameter_of_the_wrong_kind_is_refused_by_its_name(name, value):
+    plain = flatten(preset("paper"))
+    with pytest.raises(Refusal, match=name):
+        unflatten({**plain, name: value})
+
+
+@pytest.mark.parametrize("name", ["flock.colour", "arena.size"])
+def test_an_unknown_or_missing_parameter_is_refused_by_its_name(name):
+    plain = flatten(preset("paper"))
+    if name in plain:
+        del plain[name]
+    else:
+        plain[name] = 1.0
+    with pytest.raises(Refusal, match=name):
+        unflatten(plain)
