@@ -90,7 +90,7 @@ def fuse(course: Course, folder: Path, seed: int) -> tuple[Sheepdog, dict[Skill,
         lesson = lessons.Lesson(world, job.skill, job.reward, job.sheep)
         blank = init(lesson, ddpg.Config(), jax.random.key(0))
         training, histories[job.skill] = load(job.folder, blank, job.card)
-        skills[job.skill] = training.agent.actor
+        skills[job.skill] = training.agent.skill
     return Sheepdog(skills["collect"], skills["drive"], float(world.arena.size)), histories
 
 

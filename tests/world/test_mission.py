@@ -21,6 +21,7 @@ STEPS = 40  # of most rollouts here: each other number compiles again
 step = jax.jit(mission.step)
 gate = jax.jit(herding.gate)
 accomplished = jax.jit(mission.accomplished)
+reset = jax.jit(mission.reset, static_argnames=("sheep", "dogs"))
 fly = jax.jit(mission.rollout, static_argnames="steps")
 
 
@@ -209,7 +210,7 @@ def test_a_scene_moved_with_its_goal_steps_alike(data, scene, shift):
 @pytest.mark.parametrize(("sheep", "dogs"), [(1, 1), (3, 2), (40, 3)])
 def test_a_random_start_has_its_sheep_opposite_the_goal_and_its_dogs_in_the_arena(sheep, dogs):
     world = preset("paper", 6.0)
-    drawn = jax.vmap(lambda key: mission.reset(world, key, sheep, dogs))(
+    drawn = jax.vmap(lambda key: reset(world, key, sheep, dogs))(
         jax.random.split(jax.random.key(1), 200)
     )
     assert drawn.sheep.shape == (200, sheep, 2)
@@ -225,7 +226,7 @@ def test_a_random_start_has_its_sheep_opposite_the_goal_and_its_dogs_in_the_aren
 
 
 def a_start(seed=3, sheep=3, dogs=1, world=None):
-    return mission.reset(world or preset("paper"), jax.random.key(seed), sheep, dogs)
+    return reset(world or preset("paper"), jax.random.key(seed), sheep, dogs)
 
 
 def test_a_rollout_is_its_steps_taken_by_hand():
@@ -388,9 +389,7 @@ def test_a_noisy_step_of_every_variant_has_finite_gradients(name, variant):
 
 def test_missions_flown_together_are_the_missions_flown_one_by_one():
     world, count = preset("paper"), 5
-    drawn = jax.vmap(lambda key: mission.reset(world, key))(
-        jax.random.split(jax.random.key(2), count)
-    )
+    drawn = jax.vmap(lambda key: reset(world, key))(jax.random.split(jax.random.key(2), count))
     together = jax.jit(jax.vmap(lambda s: mission.rollout(world, Strombom(), s, STEPS)))(drawn)
     for i in range(count):
         alone = fly(world, Strombom(), jax.tree.map(lambda x, i=i: x[i], drawn), steps=STEPS)

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.networks import Actor, Critic
 from skydog.learning.noise import ornstein_uhlenbeck
@@ -39,6 +39,9 @@ class Config:
     """θ of the exploration noise (Lillicrap et al. 2015); not in the paper."""
     sigma: float = 0.2
     """σ of the exploration noise (Lillicrap et al. 2015); not in the paper."""
+    averaged: float = 5.0
+    """The skill is the actor averaged over about the latest 1/5 of the updates (polynomial decay,
+    Shamir and Zhang 2013); not in the paper, whose DDPG hands over the latest actor."""
 
 
 class Chance(eqx.Module):
@@ -55,6 +58,8 @@ class DDPG(eqx.Module):
     critic: Critic
     target_actor: Actor
     target_critic: Critic
+    skill: Actor  # the actor averaged over its recent past: what has been learnt
+    updates: Int[Array, ""]
     actor_adam: optax.OptState
     critic_adam: optax.OptState
     noise: Float[Array, " action"]
@@ -71,6 +76,8 @@ def init(key: PRNGKeyArray, observation: int, action: int, config: Config) -> DD
         # Copies, so that the loop may donate its whole state: XLA takes no buffer twice.
         target_actor=jax.tree.map(jnp.copy, actor),
         target_critic=jax.tree.map(jnp.copy, critic),
+        skill=jax.tree.map(jnp.copy, actor),
+        updates=jnp.asarray(0),
         actor_adam=_adam(config.actor_rate).init(actor),
         critic_adam=_adam(config.critic_rate).init(critic),
         noise=jnp.zeros(action),
@@ -121,9 +128,14 @@ def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
     change, actor_adam = _adam(config.actor_rate).update(slope, agent.actor_adam)
     actor = eqx.apply_updates(agent.actor, change)
 
+    # The latest actor is never quite right: it wanders about the policy that it converges to, and
+    # one in five is caught where it loses the flock. Its average wanders far less.
+    share = config.averaged / (agent.updates + config.averaged)
     return DDPG(
         actor=actor,
         critic=critic,
+        skill=optax.incremental_update(actor, agent.skill, share),
+        updates=agent.updates + 1,
         target_actor=optax.incremental_update(actor, agent.target_actor, config.follow),
         target_critic=optax.incremental_update(critic, agent.target_critic, config.follow),
         actor_adam=actor_adam,

@@ -22,13 +22,12 @@ ARRIVAL = 0.34
 HORIZON = {"progress": 200, "paper": mission.MAX_STEPS}
 # Each episode draws where its subgoals lie, in shares of the world's own offset. A skill
 # taught at one offset fails under ξ scaling, which shrinks distances and not offsets.
-OFFSETS = (0.4, 1.3)
-# What the `progress` reward adds to the metres gained on the subgoal: a share of the metres
-# that the flock gained, and a cost for each metre that still lies between dog and subgoal.
+OFFSETS = (0.3, 1.0)
+# What the `progress` reward adds to the metres gained on the subgoal: so much for each metre
+# that the flock gained, less so much for each metre between dog and subgoal after the step.
 # The first is what makes a sheepdog faster than a rule that merely stands on its point.
-FLOCK_SHARE = 4.0
-DISTANCE_COST = 0.2
-TIME_COST = 0.0
+FLOCK_SHARE = 2.0
+DISTANCE_COST = 0.1
 
 
 class Episode(eqx.Module):
@@ -111,7 +110,7 @@ class Lesson(eqx.Module):
             terminated = arrived
         else:
             reward = (was - now) + FLOCK_SHARE * self._flock_gain(before, after)
-            reward = reward - DISTANCE_COST * now - TIME_COST
+            reward = reward - DISTANCE_COST * now
             terminated = jnp.asarray(False)
         moved = eqx.tree_at(lambda e: e.arrived, moved, episode.arrived | arrived)
         out_of_time = moved.step >= HORIZON[self.reward]
