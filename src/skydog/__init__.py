@@ -1,10 +1,10 @@
 """Aerial shepherding: one drone, flown like a sheepdog, herds a swarm of ground robots.
 
-    import jax, skydog
+import jax, skydog
 
-    world = skydog.preset("paper", arena=4.0)
-    state = skydog.reset(world, jax.random.key(0))
-    trace = skydog.rollout(world, skydog.Strombom(), state)
+world = skydog.preset("paper", arena=4.0)
+state = skydog.reset(world, jax.random.key(0))
+trace = skydog.rollout(world, skydog.Strombom(), state)
 """
 
 from importlib import import_module

@@ -34,8 +34,7 @@ class TrainingBars:
             refresh_per_second=4,
         )
         self._rows = {
-            job.name: self._bars.add_task(job.name, total=job.steps, news="waiting")
-            for job in jobs
+            job.name: self._bars.add_task(job.name, total=job.steps, news="waiting") for job in jobs
         }
 
     def __enter__(self) -> "TrainingBars":
@@ -43,7 +42,10 @@ class TrainingBars:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
     ) -> None:
         self._bars.stop()
 

@@ -18,7 +18,6 @@ from safetensors.numpy import load, save
 from skydog.errors import Refusal
 
 CARD = "skydog"  # the header's key for the card
-LARGEST_CARD = 1 << 20  # bytes
 LARGEST_FILE = 1 << 30  # bytes; a checkpoint of eight full memories fits
 
 
@@ -57,7 +56,9 @@ def folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise Refusal(f"cannot write to {path}: {problem.strerror}; choose another folder") from None
+        raise Refusal(
+            f"cannot write to {path}: {problem.strerror}; choose another folder"
+        ) from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise Refusal(f"cannot write to {path}: permission denied; choose another folder")
     return path
@@ -65,7 +66,7 @@ def folder(path: Path) -> Path:
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray], card: dict[str, Any]) -> None:
     """Write named arrays and their card as one safetensors file."""
-    packed = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    packed = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     write_bytes(path, save(packed, metadata={CARD: json.dumps(card, allow_nan=False)}))
 
 
@@ -82,14 +83,21 @@ def load_arrays(
         size = path.stat().st_size
         if path.is_dir():
             raise Refusal(f"{path} is a folder; name a file in it")
+        if not path.is_file():
+            raise Refusal(f"{path} is no regular file; name another")
         if size > largest:
             raise Refusal(f"{path} has {size:,} bytes, more than any {kind} ({largest:,})")
         content = path.read_bytes()
-    except OSError as problem:
-        raise Refusal(f"cannot read {path}: {problem.strerror}; check the path") from None
+    except Refusal:
+        raise
+    except (OSError, ValueError) as problem:
+        why = getattr(problem, "strerror", None) or problem
+        raise Refusal(f"cannot read {path}: {why}; check the path") from None
     try:
         header = int.from_bytes(content[:8], "little")
-        card = json.loads(json.loads(content[8 : 8 + header])["__metadata__"][CARD])
+        card = json.loads(
+            json.loads(content[8 : 8 + header])["__metadata__"][CARD], parse_constant=_no_constant
+        )
         arrays = load(content)
     except (SafetensorError, ValueError, KeyError, TypeError, RecursionError):
         raise Refusal(f"{path} is damaged or no {kind} of skydog; make it again") from None
@@ -113,6 +121,10 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
 
 
 def _kind(card: Any) -> Any:

@@ -72,9 +72,7 @@ def teach(
     course: Course, folders: dict[int, Path], resume: bool, tensorboard: Path | None = None
 ) -> bool:
     """Train a sheepdog a seed, each in its folder; tell whether all of them were finished."""
-    jobs = [
-        job for seed, folder in folders.items() for job in course.jobs(folder, seed, resume)
-    ]
+    jobs = [job for seed, folder in folders.items() for job in course.jobs(folder, seed, resume)]
     for job in jobs:
         files.folder(job.folder)
     listeners = [console.tensorboard(tensorboard)] if tensorboard else []
@@ -161,9 +159,7 @@ def herd(
     flown = {name: evaluate.fly(world, shepherd, starts) for name, shepherd in shepherds.items()}
     results = {name: evaluate.row(trace) for name, trace in flown.items()}
     ours = next(iter(results))
-    store.save(
-        out / store.FILE, sheepdog, card(course, seed, command, {ours: results[ours]})
-    )
+    store.save(out / store.FILE, sheepdog, card(course, seed, command, {ours: results[ours]}))
     write_results(out, results)
 
     console.say("Drawing the figures and the report ...")
@@ -218,7 +214,9 @@ def train(
     for seed, folder in folders.items():
         sheepdog, _ = fuse(course, folder, seed)
         starts = "paper" if course.sheep == 3 else "random"
-        row = evaluate.row(evaluate.fly(world, sheepdog, cases(world, 30, starts, sheep=course.sheep)))
+        row = evaluate.row(
+            evaluate.fly(world, sheepdog, cases(world, 30, starts, sheep=course.sheep))
+        )
         name = scenario("H-DDPG", world)
         store.save(folder / store.FILE, sheepdog, card(course, seed, command, {name: row}))
         results[f"{name}, seed {seed}" if count > 1 else name] = row

@@ -258,7 +258,7 @@ def test_the_last_instant_commands_nothing():
     trace = fly(
         preset("paper"), Constant(jnp.array([0.3, 0.4])), a_start(), STEPS, jax.random.key(0)
     )
-    assert np.all(np.asarray(trace.command[:-1]) == np.float32([0.3, 0.4]))
+    assert np.all(np.asarray(trace.command[:-1]) == np.array([0.3, 0.4], np.float32))
     assert np.all(np.asarray(trace.command[-1]) == 0.0)
 
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skydog.networks import Actor, Critic
 from skydog.learning.noise import ornstein_uhlenbeck
 from skydog.learning.replay import Transition
+from skydog.networks import Actor, Critic
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,9 @@ def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, 
                 f"{path} is of a training with {name} {found.get(name)!r}, not {wanted!r}; "
                 "resume with the same options, or choose another --out"
             )
-    history = {name: arrays.pop(f"history.{name}", None) for name in ("reward", "length", "success")}
+    history = {
+        name: arrays.pop(f"history.{name}", None) for name in ("reward", "length", "success")
+    }
     expected = _named(like)
     shapes = {name: (leaf.shape, leaf.dtype) for name, leaf in expected.items()}
     if {name: (leaf.shape, leaf.dtype) for name, leaf in arrays.items()} != shapes:

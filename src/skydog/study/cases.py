@@ -10,7 +10,7 @@ from skydog.world.mission import State
 from skydog.world.params import World
 
 # Where the three sheep start, in sides of the arena. The paper does not print its starts;
-# these are ours, on the far side of the goal, gathered just enough to be driven at once.
+# these are ours, opposite the goal: gathered in 4 m, and with one to collect first in 6 m.
 PAPER_LAYOUT = ((0.55, 0.75), (0.60, 0.70), (0.75, 0.35))
 
 
@@ -33,6 +33,10 @@ def cases(
         raise Refusal(f"a test needs at least 1 case, got {count}; try --cases 30")
     if starts not in ("paper", "random"):
         raise Refusal(f"no starts are called {starts!r}; choose from paper, random")
+    if sheep < 1:
+        raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
+    if dogs < 1:
+        raise Refusal(f"a mission needs at least 1 dog, got {dogs}; try --dogs 1")
     keys = jax.random.split(jax.random.key(seed), count)
     drawn = jax.vmap(lambda key: mission.reset(world, key, sheep, dogs))(keys)
     if starts == "random":

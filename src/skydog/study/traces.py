@@ -27,10 +27,17 @@ _SHAPES = {
 
 
 def save(path: Path, trace: Trace, shepherd: str) -> None:
-    """Write one mission, up to the instant at which it was accomplished, and who flew it."""
+    """Write one mission, up to the instant at which it was accomplished, and who flew it.
+
+    Raises `Refusal` for a stack of missions: take one out of it first.
+    """
     done = np.asarray(trace.accomplished)
+    if done.ndim != 1:
+        raise Refusal(f"a trace file holds one mission, got a stack of shape {done.shape}")
     until = int(np.argmax(done)) + 1 if done.any() else len(done)
-    arrays = {f.name: np.asarray(getattr(trace, f.name)) for f in fields(trace) if f.name in _SHAPES}
+    arrays = {
+        f.name: np.asarray(getattr(trace, f.name)) for f in fields(trace) if f.name in _SHAPES
+    }
     card = {"kind": KIND, "shepherd": shepherd, "world": files.plain(params.flatten(trace.world))}
     files.save_arrays(path, {name: array[:until] for name, array in arrays.items()}, card)
 

@@ -24,7 +24,7 @@ def escape(
     each dog within it: dimensionless, and zero for a sheep that sees none.
     """
     away = sheep[:, None] - dogs[None, :]
-    seen = norm(away) <= sensing
+    seen = sees(sheep, dogs, sensing)
     return jnp.sum(jnp.where(seen[..., None], unit(away), 0.0), axis=1)
 
 
@@ -49,13 +49,12 @@ def group(sheep: Float[Array, "sheep 2"], neighbours: int | None) -> Float[Array
     if flockmates == 0:
         return jnp.zeros_like(sheep)
     if neighbours is None or neighbours >= flockmates:
-        centre = (jnp.sum(sheep, axis=0) - sheep) / flockmates
-    else:
-        distance = norm(sheep[:, None] - sheep[None, :])
-        distance = jnp.where(jnp.eye(len(sheep), dtype=bool), jnp.inf, distance)
-        _, nearest = jax.lax.top_k(-distance, neighbours)
-        centre = jnp.mean(sheep[nearest], axis=1)
-    return unit(centre - sheep)
+        # Summed as differences, so that for sheep at one point it is exactly zero.
+        return unit(jnp.sum(sheep[None, :] - sheep[:, None], axis=1))
+    distance = norm(sheep[:, None] - sheep[None, :])
+    distance = jnp.where(jnp.eye(len(sheep), dtype=bool), jnp.inf, distance)
+    _, nearest = jax.lax.top_k(-distance, neighbours)
+    return unit(jnp.sum(sheep[nearest] - sheep[:, None], axis=1))
 
 
 def force(
@@ -94,7 +93,5 @@ def force(
     return unit(jnp.where(afraid | crowded, total, idle))
 
 
-def _random_directions(
-    key: PRNGKeyArray, like: Float[Array, "sheep 2"]
-) -> Float[Array, "sheep 2"]:
+def _random_directions(key: PRNGKeyArray, like: Float[Array, "sheep 2"]) -> Float[Array, "sheep 2"]:
     return unit(jax.random.normal(key, like.shape))

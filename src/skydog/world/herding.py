@@ -1,5 +1,7 @@
 """Where a dog should be: driving point, collecting point and the gate (paper, Eqs 7 to 9)."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -10,7 +12,7 @@ from skydog.world.vectors import Scalar, norm, unit
 COLLECT, DRIVE = 0, 1  # the behaviours, as a trace records them
 
 # Between neighbouring dogs that drive together, seen from the flock's centre (ours).
-SPREAD_ANGLE = jnp.pi / 5
+SPREAD_ANGLE = math.pi / 5
 
 
 def gcm(sheep: Float[Array, "sheep 2"]) -> Float[Array, "2"]:
@@ -50,7 +52,7 @@ def driving_points(
     aside = jnp.stack([-behind[1], behind[0]])
     bearing = jnp.arctan2((dogs - centre) @ aside, (dogs - centre) @ behind)
     place = jnp.argsort(jnp.argsort(bearing))
-    angle = (place - (count - 1) / 2) * SPREAD_ANGLE
+    angle = (place - (count - 1) / 2) * min(SPREAD_ANGLE, 2 * math.pi / count)
     direction = jnp.cos(angle)[:, None] * behind + jnp.sin(angle)[:, None] * aside
     return centre + offset * direction
 
@@ -101,9 +103,7 @@ def gate(
     return within_airspace(world, subgoal), drives
 
 
-def within_airspace(
-    world: World, position: Float[Array, "dogs 2"]
-) -> Float[Array, "dogs 2"]:
+def within_airspace(world: World, position: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"]:
     """The nearest positions where dogs may fly."""
     beyond = world.dog.airspace
     return jnp.clip(position, -beyond, world.arena.size + beyond)

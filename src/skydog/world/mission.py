@@ -39,7 +39,8 @@ class Trace(eqx.Module):
     dogs: Float[Array, "*batch instants dogs 2"]
     subgoal: Float[Array, "*batch instants dogs 2"]
     drives: Bool[Array, "*batch instants dogs"]  # the behaviour: driving, else collecting
-    command: Float[Array, "*batch instants dogs 2"]  # what the shepherd asked for
+    # What the shepherd asked for, within the limits of the dog.
+    command: Float[Array, "*batch instants dogs 2"]
     accomplished: Bool[Array, "*batch instants"]
 
 
@@ -146,7 +147,7 @@ def rollout(
             seen = perceive(world, state, perceiving)
         done = done | accomplished(world, state)
         last = done | (now == steps)
-        command = jnp.where(last, 0.0, shepherd(world, seen))
+        command = jnp.where(last, 0.0, limited(world.dog, shepherd(world, seen)))
         subgoal, drives = herding.gate(world, state.sheep, state.dogs)
         record = (state.sheep, state.dogs, subgoal, drives, command, done)
         after = step(world, state, command, moving)

@@ -22,7 +22,7 @@ class Flock(eqx.Module):
     speed: Scalar  # V_UGV: how fast a sheep moves, when it moves
     spread: Scalar  # f(N) / N^(2/3), Eq. 7: how wide a gathered flock may be
     noise: Scalar = 0.0  # weight of a random unit vector in the force (Strömbom's e)
-    graze: Scalar = 0.0  # chance a step that a sheep which sees no dog moves at random
+    graze: Scalar = 0.0  # chance a step that a sheep which nothing pushes moves at random
     # The local centre of mass is that of the n nearest flockmates; None is all of them.
     neighbours: int | None = eqx.field(static=True, default=None)
     # The equations as printed: forces summed, not normalised, and grouping without a dog.
@@ -67,12 +67,13 @@ def paper(arena: float = 4.0, sheep: int = 3) -> World:
     What the paper leaves open is filled from its authors' group (El-Fiqi et al. 2020) and
     from Strömbom et al. 2014, and marked so.
     """
+    growth = max(1.0, math.sqrt(sheep / 3))
     return World(
         Flock(
             avoidance=1.0,  # paper, Table "setups": R_ππ
-            # paper, Table "setups": R_πβ. From five sheep on the driving point is further
-            # than that from the flock's centre: sight then grows as the flock does (ours).
-            sensing=2.0 * max(1.0, math.sqrt(sheep / 3)),
+            # paper, Table "setups": R_πβ, for its N = 3. From five sheep on the driving point is
+            # further from the flock's centre than that: sight grows as the flock does (ours).
+            sensing=2.0 * growth,
             inertia=0.5,  # not in the paper; Strömbom 2014 (h), El-Fiqi 2020
             grouping=1.05,  # not in the paper; Strömbom 2014 (c), El-Fiqi 2020
             escape=1.0,  # not in the paper; Strömbom 2014 (ρ_s), El-Fiqi 2020
@@ -92,7 +93,9 @@ def paper(arena: float = 4.0, sheep: int = 3) -> World:
         ),
         Arena(
             size=arena,  # paper, "Experimental setups": 4 and 6 m
-            goal_radius=2.0,  # paper, Table "setups": 𝔻
+            # paper, Table "setups": 𝔻, for its N = 3. Ten sheep, a metre apart, do not fit in
+            # the quarter disc that lies in the arena: the goal grows as the flock does (ours).
+            goal_radius=2.0 * growth,
             dt=0.1,  # paper, Table "setups"; the goal (0, 0) is from the laboratory code
         ),
     )
@@ -187,17 +190,27 @@ def unflatten(values: dict[str, float | int | bool | None]) -> World:
     parts = {"flock": Flock, "dog": Dog, "arena": Arena}
     known = {f"{part}.{field.name}" for part, kind in parts.items() for field in fields(kind)}
     if set(values) != known:
-        odd = sorted(known ^ set(values))[0]
-        raise Refusal(f"world parameters do not match this version of skydog: {odd!r}")
+        odd = ", ".join(sorted(known ^ set(values)))
+        raise Refusal(f"world parameters missing, or unknown to this version of skydog: {odd}")
     for name, value in values.items():
-        if not (value is None or isinstance(value, bool | int | float)):
-            raise Refusal(f"world parameter {name} must be a number, got {value!r}")
+        if not _fits(name, value):
+            raise Refusal(f"{value!r} is no value for the world parameter {name}")
     return World(
         *(
             kind(**{f.name: values[f"{part}.{f.name}"] for f in fields(kind)})
             for part, kind in parts.items()
         )
     )
+
+
+def _fits(name: str, value: object) -> bool:
+    if name in ("flock.literal_forces", "dog.per_axis"):
+        return isinstance(value, bool)
+    if isinstance(value, bool):
+        return False
+    if name == "flock.neighbours":
+        return value is None or (isinstance(value, int) and value >= 1)
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _plain(value: object) -> float | int | bool | None:

@@ -23,4 +23,5 @@ def unit(v: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
 def limit(v: Float[Array, "*batch 2"], most: Scalar) -> Float[Array, "*batch 2"]:
     """`v` shortened to a length of at most `most`, its direction kept."""
     length = norm(v)[..., None]
-    return v * jnp.where(length > most, most / jnp.where(length == 0.0, 1.0, length), 1.0)
+    over = length > most
+    return v * jnp.where(over, most / jnp.where(over, length, 1.0), 1.0)
