@@ -56,12 +56,10 @@ def in_html(rows):
 def test_terminal_html_and_markdown_show_the_same_figures():
     row = Row("H-DDPG-4x4", OURS, PAPER)
     assert in_markdown([row]) == in_html([row]) == [WORDS]
-    shown = in_terminal([row])
-    figures, intervals = (line.split() for line in shown.splitlines() if "10" in line)
-    assert " ".join(figures) == (
-        "H-DDPG-4x4 96.67 % 104 ± 25 88 ± 24 11.9 ± 2.9 100 % 100 ± 16 9.7 ± 1.5"
-    )
-    assert " ".join(intervals) == "of 30 [96, 114] [80, 97] [10.9, 13.0]"
+    lines = [" ".join(line.split()) for line in in_terminal([row]).splitlines()]
+    assert "H-DDPG-4x4 96.67 % 104 ± 25 88 ± 24 11.9 ± 2.9" in lines
+    assert "of 30 [96, 114] [80, 97] [10.9, 13.0]" in lines
+    assert "the paper 100 % 100 ± 16 9.7 ± 1.5" in lines
 
 
 def test_a_scenario_that_the_paper_lacks_shows_dashes():

@@ -20,6 +20,7 @@ COLUMNS = (
     "paper: steps (GCM)",
     "paper: distance (m)",
 )
+OURS = 5  # columns that are ours; the others are the paper's
 HOW_TO_READ = (
     "Each figure is mean ± SD over the cases, with the bootstrap 95 % interval of the mean in "
     "brackets. Steps last until every sheep is home and gathered; steps (GCM) until the flock's "
@@ -55,19 +56,16 @@ def cells(row: Row) -> list[str]:
 
 
 def table(rows: list[Row]) -> Table:
-    """The results, for a terminal."""
-    drawn = Table(
-        box=SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, 1, 0, 0),
-        caption=HOW_TO_READ,
-        caption_justify="left",
-    )
-    drawn.add_column(COLUMNS[0], no_wrap=True)
-    for name in COLUMNS[1:]:
-        drawn.add_column(name, justify="right", min_width=max(map(len, name.split())))
+    """The results, for a terminal of 80 columns: the paper's figures below ours."""
+    drawn = Table(box=SIMPLE_HEAD, show_edge=False, caption=HOW_TO_READ, caption_justify="left")
+    for name in COLUMNS[:OURS]:
+        drawn.add_column(name, justify="left" if name == COLUMNS[0] else "right", no_wrap=True)
     for row in rows:
-        drawn.add_row(*map(Text, cells(row)))
+        ours, paper = cells(row)[:OURS], cells(row)[OURS:]
+        drawn.add_row(*map(Text, ours))
+        if row.paper:
+            success, steps, distance = paper
+            drawn.add_row("  the paper", success, "", steps, distance, style="dim")
     return drawn
 
 

@@ -1,0 +1,62 @@
+# The two commands of the README: `make herd` and `make test`. Both need Python >= 3.11 alone.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: help herd test lint format bench seeds lock clean
+
+help:  ## Show this list
+	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+herd: $(VENV)/run.stamp  ## Teach a sheepdog from nothing, fly it, and write runs/herd/report.html
+	$(BIN)/skydog herd $(ARGS)
+
+test: $(VENV)/dev.stamp  ## Run the tests
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/dev.stamp  ## Check style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+format: $(VENV)/dev.stamp  ## Put the code into its format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(VENV)/run.stamp $(VENV)-peers/stamp  ## Compare training speed with Stable-Baselines3
+	$(BIN)/python benchmarks/training_speed.py --out docs/training_speed.md
+
+seeds: $(VENV)/run.stamp  ## Make docs/seeds.md: ten sheepdogs for each reward
+	$(BIN)/python benchmarks/seeds.py --out docs/seeds.md
+
+lock: $(VENV)/dev.stamp  ## Resolve the dependencies anew
+	$(BIN)/python -m pip install uv
+	$(BIN)/uv pip compile $(LOCK) --group build -o locks/run.txt pyproject.toml
+	$(BIN)/uv pip compile $(LOCK) --group build --group dev -o locks/dev.txt pyproject.toml
+LOCK := --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
+	--no-emit-index-url --upgrade --custom-compile-command "make lock"
+
+clean:  ## Remove what make installed; runs stay
+	rm -rf $(VENV) $(VENV)-peers
+
+# An exact lock with hashes, then the package itself, built by what the lock installed.
+define install
+	@echo "Installing into $(VENV) from $(1); this happens once."
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and f"skydog needs Python 3.11 or newer, {sys.executable} is {sys.version.split()[0]}; try make PYTHON=python3.12 $(MAKECMDGOALS)")'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip --disable-pip-version-check install --require-hashes -r $(1)
+	@$(BIN)/python -m pip --disable-pip-version-check install --no-build-isolation --no-deps -e .
+	@touch $@
+endef
+
+$(VENV)/run.stamp: locks/run.txt pyproject.toml
+	$(call install,locks/run.txt)
+
+$(VENV)/dev.stamp: locks/dev.txt pyproject.toml
+	$(call install,locks/dev.txt)
+	@touch $(VENV)/run.stamp
+
+$(VENV)-peers/stamp: benchmarks/peers.txt
+	$(PYTHON) -m venv $(VENV)-peers
+	$(VENV)-peers/bin/pip install -r benchmarks/peers.txt
+	@touch $@
