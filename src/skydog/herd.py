@@ -75,10 +75,15 @@ def teach(
     jobs = [job for seed, folder in folders.items() for job in course.jobs(folder, seed, resume)]
     for job in jobs:
         files.folder(job.folder)
-    listeners = [console.tensorboard(tensorboard)] if tensorboard else []
+    write = console.tensorboard(tensorboard) if tensorboard else None
     with console.TrainingBars(jobs) as bars:
-        listeners.append(bars.listen)
-        return workers.run(jobs, lambda news: [listen(news) for listen in listeners] and None)
+
+        def listen(news: workers.News) -> None:
+            bars.listen(news)
+            if write:
+                write(news)
+
+        return workers.run(jobs, listen)
 
 
 def fuse(course: Course, folder: Path, seed: int) -> tuple[Sheepdog, dict[Skill, History]]:

@@ -26,8 +26,8 @@ class Layers(eqx.Module):
     def __call__(self, x: Float[Array, "*batch inward"]) -> Float[Array, "*batch outward"]:
         *hidden, last = self.linears
         for linear in hidden:
-            x = jax.nn.relu(x @ linear.weight.T + linear.bias)
-        return x @ last.weight.T + last.bias
+            x = jax.nn.relu(_through(linear, x))
+        return _through(last, x)
 
 
 class Actor(eqx.Module):
@@ -54,3 +54,8 @@ class Critic(eqx.Module):
         self, observation: Float[Array, "*batch seen"], action: Float[Array, "*batch action"]
     ) -> Float[Array, "*batch"]:
         return self.layers(jnp.concatenate([observation, action], axis=-1))[..., 0]
+
+
+def _through(linear: eqx.nn.Linear, x: Array) -> Array:
+    # On the last axis, so that one call serves a single input and a batch alike.
+    return x @ linear.weight.T + linear.bias  # pyright: ignore[reportOperatorIssue]

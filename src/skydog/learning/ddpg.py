@@ -1,6 +1,7 @@
 """DDPG (paper, Algorithm 1; Lillicrap et al. 2015), in one file that knows nothing of sheep."""
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -11,6 +12,8 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from skydog.learning.noise import ornstein_uhlenbeck
 from skydog.learning.replay import Transition
 from skydog.networks import Actor, Critic
+
+Tree = TypeVar("Tree")
 
 
 @dataclass(frozen=True)
@@ -134,15 +137,19 @@ def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
     return DDPG(
         actor=actor,
         critic=critic,
-        skill=optax.incremental_update(actor, agent.skill, share),
+        skill=_towards(agent.skill, actor, share),
         updates=agent.updates + 1,
-        target_actor=optax.incremental_update(actor, agent.target_actor, config.follow),
-        target_critic=optax.incremental_update(critic, agent.target_critic, config.follow),
+        target_actor=_towards(agent.target_actor, actor, config.follow),
+        target_critic=_towards(agent.target_critic, critic, config.follow),
         actor_adam=actor_adam,
         critic_adam=critic_adam,
         noise=agent.noise,
     )
 
 
-def _adam(rate: float) -> optax.GradientTransformation:
+def _towards(old: Tree, new: Tree, share: float | Float[Array, ""]) -> Tree:
+    return jax.tree.map(lambda was, now: was + share * (now - was), old, new)
+
+
+def _adam(rate: float) -> Any:  # optax's own types know nothing of modules
     return optax.adam(rate)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
 import jax
@@ -26,8 +26,8 @@ EPISODES_A_ROW = 10  # paper, Section "Training": rewards in every 10 episodes
 class Task(Protocol):
     """What is to be learnt: pure functions of an episode. A `Lesson` is one."""
 
-    observation: int
-    action: int
+    observation: ClassVar[int]
+    action: ClassVar[int]
 
     def start(self, key: PRNGKeyArray) -> Any:
         """A fresh episode."""
