@@ -57,9 +57,8 @@ def test_terminal_html_and_markdown_show_the_same_figures():
     row = Row("H-DDPG-4x4", OURS, PAPER)
     assert in_markdown([row]) == in_html([row]) == [WORDS]
     lines = [" ".join(line.split()) for line in in_terminal([row]).splitlines()]
-    assert "H-DDPG-4x4 96.67 % 104 ± 25 88 ± 24 11.9 ± 2.9" in lines
-    assert "of 30 [96, 114] [80, 97] [10.9, 13.0]" in lines
-    assert "the paper 100 % 100 ± 16 9.7 ± 1.5" in lines
+    assert "H-DDPG-4x4 96.67 % 104 ± 25 88 ± 24 11.9 ± 2.9 100 ± 16 steps" in lines
+    assert "of 30 [96, 114] [80, 97] [10.9, 13.0] 9.7 ± 1.5 m" in lines
 
 
 def test_a_scenario_that_the_paper_lacks_shows_dashes():

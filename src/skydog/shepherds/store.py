@@ -80,19 +80,18 @@ def find(path: Path) -> Path:
 
 
 def readable(card: dict[str, Any]) -> str:
-    """A card as Markdown."""
-    lines = ["# A sheepdog", "", "Trained by skydog. Fly it with `skydog test` on this folder.", ""]
+    """A card as Markdown: the plain facts first, then a section for each list and group."""
+    facts = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
+    lines = ["# A sheepdog", "", "Fly it: `skydog test` and the path of this folder.", ""]
+    lines += [f"- {name}: {_short(value)}" for name, value in facts.items()]
     for name, value in card.items():
-        if isinstance(value, dict):
-            lines += [f"## {name}", ""]
-            lines += [f"- {inner}: {_short(number)}" for inner, number in value.items()] + [""]
-        elif isinstance(value, list):
-            lines += [f"## {name}", ""]
-            lines += [f"{place}. {item}" for place, item in enumerate(value, 1)] + [""]
-        else:
-            lines += [f"- {name}: {_short(value)}"]
-            lines += [""] if name == list(card)[-1] else []
-    return "\n".join(lines)
+        if isinstance(value, list):
+            lines += ["", f"## {name}", ""]
+            lines += [f"{place}. {_short(item)}" for place, item in enumerate(value, 1)]
+        elif isinstance(value, dict):
+            lines += ["", f"## {name}", ""]
+            lines += [f"- {inner}: {_short(item)}" for inner, item in value.items()]
+    return "\n".join([*lines, ""])
 
 
 def _actor(path: Path, skill: str, arrays: dict[str, np.ndarray]) -> Actor:

@@ -56,16 +56,20 @@ def cells(row: Row) -> list[str]:
 
 
 def table(rows: list[Row]) -> Table:
-    """The results, for a terminal of 80 columns: the paper's figures below ours."""
-    drawn = Table(box=SIMPLE_HEAD, show_edge=False, caption=HOW_TO_READ, caption_justify="left")
-    for name in COLUMNS[:OURS]:
+    """The results, for a terminal of 80 columns: the paper's figures in one column beside ours."""
+    drawn = Table(
+        box=SIMPLE_HEAD,
+        show_edge=False,
+        padding=0,
+        caption=HOW_TO_READ,
+        caption_justify="left",
+    )
+    for name in (*COLUMNS[:OURS], "the paper's own"):
         drawn.add_column(name, justify="left" if name == COLUMNS[0] else "right", no_wrap=True)
     for row in rows:
-        ours, paper = cells(row)[:OURS], cells(row)[OURS:]
-        drawn.add_row(*map(Text, ours))
-        if row.paper:
-            success, steps, distance = paper
-            drawn.add_row("  the paper", success, "", steps, distance, style="dim")
+        success, steps, distance = cells(row)[OURS:]
+        paper = f"{steps} steps\n{distance} m\n{success}" if row.paper else "—"
+        drawn.add_row(*map(Text, [*cells(row)[:OURS], paper]))
     return drawn
 
 

@@ -1,0 +1,130 @@
+"""Whether `NumpyLesson` is the task that `skydog.learning.lessons.Lesson` is."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy_lesson import NumpyLesson
+from scipy.stats import ks_2samp
+
+from skydog.learning import lessons
+from skydog.learning.lessons import Episode, Lesson
+from skydog.world import params
+
+TOLERANCE = 1e-5  # metres, reward, or force: what float32 leaves of a step
+UNLIKELY = 1e-3  # a fair draw of starts falls below this p once in a hundred checks of ten
+AGO = 25  # steps flown at random before the one compared: flocks in motion, not only at rest
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The greatest differences over so many steps, and how alike the starts are."""
+
+    cases: int
+    observation: float
+    reward: float
+    state: float  # places and forces
+    truncation: bool  # whether time was over for both in the same cases
+    starts: int
+    starts_p: float  # the least p of Kolmogorov-Smirnov tests, one for each number of a start
+
+    @property
+    def same(self) -> bool:
+        furthest = max(self.observation, self.reward, self.state)
+        return furthest <= TOLERANCE and self.truncation and self.starts_p > UNLIKELY
+
+
+def lesson() -> Lesson:
+    """The task of the benchmark: drive three sheep in the paper's arena of 4 m."""
+    return Lesson(params.preset("paper", 4.0, 3), "drive", "progress", 3)
+
+
+def numbers(task: Lesson) -> dict[str, float]:
+    """The world's parameters and the lesson's own, as `NumpyLesson` takes them."""
+    least, most = lessons.OFFSETS
+    world = params.flatten(task.world)
+    return {name: float(value) for name, value in world.items() if value is not None} | {
+        "lesson.horizon": float(lessons.HORIZON[task.reward]),
+        "lesson.least_offset": least,
+        "lesson.most_offset": most,
+        "lesson.flock_share": lessons.FLOCK_SHARE,
+        "lesson.distance_cost": lessons.DISTANCE_COST,
+    }
+
+
+def check(cases: int = 200, starts: int = 2000, seed: int = 0) -> Agreement:
+    """Compare one step from each of `cases` random states and actions, and `starts` starts."""
+    task = lesson()
+    ours = NumpyLesson(numbers(task), task.sheep)
+    rng = np.random.default_rng(seed)
+
+    begun = jax.jit(jax.vmap(task.start))(jax.random.split(jax.random.key(seed), starts))
+    ours.reset(seed)
+    episodes = jax.tree.map(lambda leaf: leaf[:cases], begun)
+    # Whole velocities for many steps on end: a dog that shivers on the spot meets few sheep.
+    # Some are beyond what a dog can fly.
+    actions = rng.uniform(-1.3, 1.3, (2, cases, 2)).astype(np.float32)
+    fly = jax.jit(jax.vmap(task.step))
+    for _ in range(AGO):
+        episodes, _ = fly(episodes, actions[0])
+    lasted = rng.integers(0, lessons.HORIZON[task.reward], cases)
+    lasted[: cases // 10] = lessons.HORIZON[task.reward] - 1
+    episodes = eqx.tree_at(lambda e: e.step, episodes, jnp.asarray(lasted))
+    after, outcome = fly(episodes, actions[1])
+    look = jax.vmap(task.observe)
+    before_seen, after_seen = np.asarray(look(episodes)), np.asarray(look(after))
+
+    far = {"observation": 0.0, "reward": 0.0, "state": 0.0}
+    over = []
+    for i in range(cases):
+        seen = ours.set_state(*_state(episodes, i), episodes.offset[i], episodes.step[i])
+        again, reward, truncated = ours.step(actions[1, i])
+        over.append(truncated)
+        pairs = [
+            ("observation", seen, before_seen[i]),
+            ("observation", again, after_seen[i]),
+            ("reward", reward, outcome.reward[i]),
+            *(("state", *both) for both in zip(ours.state(), _state(after, i), strict=True)),
+        ]
+        for name, one, other in pairs:
+            far[name] = max(far[name], float(np.max(np.abs(one - np.asarray(other)))))
+    return Agreement(
+        cases=cases,
+        **far,
+        truncation=bool(np.all(np.array(over) == np.asarray(outcome.truncated)))
+        and not np.any(outcome.terminated),
+        starts=starts,
+        starts_p=_starts_p(begun, [_drawn(ours) for _ in range(starts)]),
+    )
+
+
+def _state(episodes: Episode, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    state = episodes.state
+    return np.asarray(state.sheep[i]), np.asarray(state.dogs[i, 0]), np.asarray(state.force[i])
+
+
+def _drawn(task: NumpyLesson) -> np.ndarray:
+    task.reset()
+    sheep, dog, _ = task.state()
+    return _describe(sheep, dog, np.asarray(task.behind / task.driving))
+
+
+def _describe(sheep: np.ndarray, dog: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """The ten numbers of a start: places, offset, and how far out the furthest sheep is."""
+    reach = np.max(np.linalg.norm(sheep - sheep.mean(axis=0), axis=1))
+    return np.array([*sheep.ravel(), *dog, offset, reach])
+
+
+def _starts_p(begun: Episode, drawn: list[np.ndarray]) -> float:
+    sheep, dogs = np.asarray(begun.state.sheep), np.asarray(begun.state.dogs)
+    theirs = np.array(
+        [_describe(*start) for start in zip(sheep, dogs[:, 0], begun.offset, strict=True)]
+    )
+    pairs = zip(theirs.T, np.array(drawn).T, strict=True)
+    return min(float(ks_2samp(one, other).pvalue) for one, other in pairs)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+if __name__ == "__main__":
+    print(check())
