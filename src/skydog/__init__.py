@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from skydog.errors import Refusal as Refusal
     from skydog.shepherds.sheepdog import Sheepdog as Sheepdog
+    from skydog.shepherds.store import load as load
     from skydog.shepherds.strombom import Strombom as Strombom
     from skydog.world.mission import Shepherd as Shepherd
     from skydog.world.mission import State as State
@@ -31,6 +32,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Refusal": "skydog.errors",
     "Sheepdog": "skydog.shepherds.sheepdog",
+    "load": "skydog.shepherds.store",
     "Strombom": "skydog.shepherds.strombom",
     "Shepherd": "skydog.world.mission",
     "State": "skydog.world.mission",

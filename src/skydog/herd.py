@@ -166,6 +166,7 @@ def herd(
     ours = next(iter(results))
     store.save(out / store.FILE, sheepdog, card(course, seed, command, {ours: results[ours]}))
     write_results(out, results)
+    files.write_text(out / "results.md", report.markdown(rows(results)))
 
     console.say("Drawing the figures and the report ...")
     shown = {name: one_case(trace, min(SHOWN_CASE, count) - 1) for name, trace in flown.items()}
@@ -248,7 +249,7 @@ def test(
     if shepherd == "strombom":
         name, steers = "Strombom", Strombom(at_point=at_point)
     else:
-        name, steers = "H-DDPG", store.load(Path(shepherd))[0]
+        name, steers = "H-DDPG", store.load(shepherd)
     name = scenario(name, world)
     starting = cases(world, count, starts, seed, sheep, dogs)
     key = jax.random.key(seed) if params.noisy(world) else None

@@ -43,13 +43,18 @@ def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
     files.write_text(path.with_suffix(".md"), readable(card))
 
 
-def load(path: Path) -> tuple[Sheepdog, dict[str, Any]]:
-    """Read a sheepdog and its card, from its file or from its run folder.
+def load(path: str | Path) -> Sheepdog:
+    """A sheepdog, from its file or from its run folder. Raises `Refusal` as `read` does."""
+    return read(path)[0]
+
+
+def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
+    """A sheepdog and its card, from its file or from its run folder.
 
     Raises `Refusal` for a file that is missing, damaged, foreign, or of a sheepdog that
     observes or commands something else than this version of skydog gives.
     """
-    path = find(path)
+    path = find(Path(path))
     arrays, card = files.load_arrays(path, KIND, LARGEST)
     for what, ours in (("observes", OBSERVES), ("commands", COMMANDS)):
         theirs = card.get(what)
@@ -68,7 +73,6 @@ def load(path: Path) -> tuple[Sheepdog, dict[str, Any]]:
 
 def find(path: Path) -> Path:
     """The file of a sheepdog that is named by its file or by its run folder."""
-    path = Path(path)
     if not path.is_dir():
         return path
     if (path / FILE).exists():
