@@ -18,7 +18,7 @@ from skydog.world.params import World
 
 PREFACE = {
     "progress": "The default reward: metres gained by the dog on its subgoal and by the flock.",
-    "paper": "The paper's reward, ±0.1 a step for getting nearer or not, which never arriving games.",
+    "paper": "The paper's reward: ±0.1 a step for getting nearer or not. Never arriving games it.",
 }
 
 
@@ -43,14 +43,15 @@ def main(
     text = [
         "# Is it luck? Ten sheepdogs for each reward",
         "",
-        f"Made by `{command}`. Each sheepdog was trained from nothing for {steps:,} steps a skill in "
-        "the 4 x 4 m arena, and then flown through 30 cases (`paper` starts), through 1,000 random "
-        "starts (sheep and dog), and, with ξ scaling, through the 30 cases in the 6 x 6 m arena. "
-        "Steps last until every sheep is home and gathered; a failed mission counts 1,000. "
-        "All fly at ±1 m/s on each axis.",
+        f"Made by `{command}`. Each sheepdog was trained from nothing for {steps:,} steps a skill "
+        "in the 4 x 4 m arena, and then flown through 30 cases (`paper` starts), through 1,000 "
+        "random starts (sheep and dog), and, with ξ scaling, through the 30 cases in the 6 x 6 m "
+        "arena. Steps last until every sheep is home and gathered; a failed mission counts 1,000. "
+        "All fly at ±1 m/s on each axis. Mean ± SD over the cases.",
         "",
     ]
-    for reward in PREFACE:
+    rewards: tuple[Reward, ...] = ("progress", "paper")
+    for reward in rewards:
         text += table(reward, four, six, seeds, steps, runs / reward)
     text += ["## The rule dog on the same cases", "", *header("at its point")]
     for at_point in ("constant", "arrive"):

@@ -161,8 +161,8 @@ def replay(
     from skydog.study import traces as store
     from skydog.view import replay as view
 
-    loaded = [(path, *store.load(path)) for path in traces]
-    view.save(out, {f"{shepherd} ({path.stem})": trace for path, trace, shepherd in loaded})
+    missions = {path.stem: store.load(path)[0] for path in traces}
+    view.save(out, missions)
     print(out)
     return 0
 

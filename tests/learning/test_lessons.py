@@ -1,0 +1,279 @@
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skydog.learning import lessons
+from skydog.learning.lessons import Episode, Lesson
+from skydog.networks import Actor
+from skydog.shepherds.sheepdog import Sheepdog
+from skydog.world import herding, mission
+from skydog.world.params import preset
+
+WORLD = preset("paper", 4.0)
+SIX = preset("paper", 6.0)
+SKILLS = ("collect", "drive")
+STARTS = 500
+
+step = eqx.filter_jit(lambda lesson, episode, action: lesson.step(episode, action))
+
+
+@eqx.filter_jit
+def starts(lesson):
+    return jax.vmap(lesson.start)(jax.random.split(jax.random.key(0), STARTS))
+
+
+@eqx.filter_jit
+def flown(lesson, pilot, episode, count):
+    """Outcomes of `count` steps from one episode, without starting anew, and distances."""
+
+    def fly(episode, _):
+        after, outcome = lesson.step(episode, pilot(lesson, episode))
+        return after, (outcome, jnp.linalg.norm(lesson.observe(after)[2:]))
+
+    return jax.lax.scan(fly, episode, length=count)[1]
+
+
+def idle(lesson, episode):
+    return jnp.zeros(2)
+
+
+def to_the_subgoal(lesson, episode):
+    """As fast as needed to be there in one step; x and y from the subgoal are seen 3rd and 4th."""
+    return jnp.clip(-lesson.observe(episode)[2:] / 0.1, -1.0, 1.0)
+
+
+def an_episode(sheep, dog, offset=1.0):
+    return Episode(
+        state=mission.start(jnp.array(sheep, jnp.float32), jnp.array([dog], jnp.float32)),
+        offset=jnp.asarray(offset),
+        step=jnp.asarray(0),
+        arrived=jnp.asarray(False),
+    )
+
+
+def spread_of(sheep):
+    return np.linalg.norm(sheep - sheep.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+
+
+# Starts
+
+
+@pytest.mark.parametrize("world", [WORLD, SIX], ids=["4x4", "6x6"])
+@pytest.mark.parametrize("skill", SKILLS)
+def test_every_start_is_a_legal_one(world, skill):
+    begun = starts(Lesson(world, skill))
+    size, edge = world.arena.size, world.dog.airspace
+    sheep, dogs = np.asarray(begun.state.sheep), np.asarray(begun.state.dogs)
+    assert sheep.shape == (STARTS, 3, 2)
+    assert dogs.shape == (STARTS, 1, 2)
+    assert sheep.min() >= 0.0
+    assert sheep.max() <= size
+    assert dogs.min() >= -edge
+    assert dogs.max() <= np.float32(size + edge)
+    assert begun.offset.min() >= lessons.OFFSETS[0]
+    assert begun.offset.max() <= lessons.OFFSETS[1]
+    assert not begun.step.any()
+    assert not begun.arrived.any()
+    assert not begun.state.force.any()
+
+
+def test_starts_differ_and_reach_the_whole_arena_and_every_offset():
+    begun = starts(Lesson(WORLD, "drive"))
+    assert len(np.unique(np.asarray(begun.state.dogs)[:, 0, 0])) > 0.9 * STARTS
+    assert np.ptp(np.asarray(begun.state.sheep), axis=(0, 1)).min() > 3.5
+    assert begun.offset.min() < 0.35
+    assert begun.offset.max() > 1.15
+
+
+@pytest.mark.parametrize("world", [WORLD, SIX], ids=["4x4", "6x6"])
+def test_a_flock_to_drive_starts_gathered_most_of_the_time(world):
+    spread = spread_of(np.asarray(starts(Lesson(world, "drive")).state.sheep))
+    assert np.mean(spread <= 1.3) > 0.85
+
+
+@pytest.mark.parametrize("world", [WORLD, SIX], ids=["4x4", "6x6"])
+def test_a_flock_to_collect_starts_scattered_most_of_the_time(world):
+    spread = spread_of(np.asarray(starts(Lesson(world, "collect")).state.sheep))
+    assert np.mean(spread > 1.3) > 0.5
+
+
+# What is seen
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """What a sheepdog was shown last."""
+    seen = []
+    called = Actor.__call__
+
+    def noting(self, observation):
+        seen.append(np.asarray(observation[0]))
+        return called(self, observation)
+
+    monkeypatch.setattr(Actor, "__call__", noting)
+    return seen
+
+
+@pytest.mark.parametrize("skill", SKILLS)
+def test_a_lesson_at_full_offset_shows_what_a_sheepdog_sees(skill, shown):
+    lesson = Lesson(WORLD, skill)
+    actor = Actor(4, 2, (3,), jax.random.key(0))
+    sheepdog = Sheepdog(actor, actor, 4.0)
+    compared = 0
+    for key in jax.random.split(jax.random.key(1), 20):
+        episode = replace(lesson.start(key), offset=jnp.asarray(1.0))
+        if bool(herding.gathered(WORLD.flock, episode.state.sheep)) != (skill == "drive"):
+            continue
+        compared += 1
+        seen = np.asarray(lesson.observe(episode))
+        sheepdog(WORLD, episode.state)
+        np.testing.assert_allclose(shown[-1], seen, atol=1e-6)
+        centre = np.asarray(episode.state.sheep).mean(axis=0)
+        np.testing.assert_allclose(seen[:2], episode.state.dogs[0] - centre, atol=1e-6)
+    assert compared > 5
+
+
+@pytest.mark.parametrize("offset", [0.3, 1.0, 1.2])
+def test_the_offset_says_how_far_behind_the_flock_the_subgoal_lies(offset):
+    sheep, dog = [[2.0, 2.0], [2.3, 2.0], [2.0, 2.3]], [1.0, 3.0]
+    centre = np.mean(sheep, axis=0)
+    behind = centre / np.linalg.norm(centre)
+    seen = Lesson(WORLD, "drive").observe(an_episode(sheep, dog, offset))
+    point = centre + offset * np.sqrt(3) * behind
+    np.testing.assert_allclose(seen[2:], np.array(dog) - point, atol=1e-5)
+
+
+# How it pays
+
+SCENES = [
+    ([[2.0, 2.0], [2.3, 2.0], [2.0, 2.3]], [3.1, 3.3]),
+    ([[1.0, 1.2], [1.4, 1.0], [3.2, 2.4]], [3.0, 3.5]),
+    ([[2.5, 1.0], [1.0, 2.5], [1.2, 1.1]], [0.2, 0.4]),
+]
+
+
+def by_hand(sheep, dog, skill, offset):
+    """Centre, stray and subgoal, from positions."""
+    centre = sheep.mean(axis=0)
+    stray = np.argmax(np.linalg.norm(sheep - centre, axis=1))
+    if skill == "drive":
+        subgoal = centre + offset * np.sqrt(3) * centre / np.linalg.norm(centre)
+    else:
+        outward = (sheep[stray] - centre) / np.linalg.norm(sheep[stray] - centre)
+        subgoal = sheep[stray] + offset * outward
+    return centre, stray, np.clip(subgoal, -1.4, 5.4)
+
+
+@pytest.mark.parametrize("skill", SKILLS)
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("action", [(1.0, -0.5), (-0.7, -1.0), (0.0, 0.0)])
+def test_progress_pays_metres_gained_on_the_subgoal_and_by_the_flock(skill, scene, action):
+    offset = 0.8
+    before = an_episode(*scene, offset)
+    after, outcome = step(Lesson(WORLD, skill), before, jnp.array(action))
+    sheep, dog = (np.asarray(part, float) for part in (before.state.sheep, before.state.dogs[0]))
+    sheep2, dog2 = (np.asarray(part, float) for part in (after.state.sheep, after.state.dogs[0]))
+    centre, stray, subgoal = by_hand(sheep, dog, skill, offset)
+    centre2, _, subgoal2 = by_hand(sheep2, dog2, skill, offset)
+    was, now = np.linalg.norm(dog - subgoal), np.linalg.norm(dog2 - subgoal2)
+    if skill == "drive":
+        gain = np.linalg.norm(centre) - np.linalg.norm(centre2)
+    else:
+        gain = np.linalg.norm(sheep[stray] - centre) - np.linalg.norm(sheep2[stray] - centre)
+    np.testing.assert_allclose(outcome.reward, was - now + 4.0 * gain - 0.1 * now, atol=1e-5)
+
+
+# Out of the dog's sight, so that sheep and subgoal stand still.
+FAR = ([[0.5, 0.5], [1.6, 0.5], [0.5, 1.6]], [4.5, 4.5])
+
+
+@pytest.mark.parametrize(
+    ("action", "paid"),
+    [((-1.0, -1.0), 0.1), ((1.0, 1.0), -0.1), ((0.5, 0.4), -0.1), ((0.0, 0.0), 0.1)],
+    ids=["nearer", "further", "a little further", "still"],
+)
+def test_the_papers_reward_pays_for_not_getting_further_away(action, paid):
+    before = an_episode(*FAR)
+    after, outcome = step(Lesson(WORLD, "drive", "paper"), before, jnp.array(action))
+    assert np.array_equal(before.state.sheep, after.state.sheep)
+    np.testing.assert_allclose(outcome.reward, paid, rtol=1e-6)
+    assert not outcome.terminated
+
+
+def test_an_idle_dog_games_the_papers_reward_and_a_diligent_one_earns_less():
+    lesson = Lesson(WORLD, "drive", "paper")
+    outcome, _ = flown(lesson, idle, an_episode(*FAR), 999)
+    assert not outcome.terminated.any()
+    np.testing.assert_allclose(outcome.reward.sum(), 99.9, rtol=1e-4)
+    diligent, _ = flown(lesson, to_the_subgoal, an_episode(*FAR), 999)
+    until = int(np.argmax(diligent.terminated)) + 1
+    assert diligent.terminated.any()
+    assert diligent.reward[:until].sum() < 10.0
+
+
+@pytest.mark.parametrize("skill", SKILLS)
+def test_progress_pays_an_idle_dog_far_less_than_one_that_flies_to_its_subgoal(skill):
+    lesson = Lesson(WORLD, skill)
+    begun = jax.tree.map(lambda leaf: leaf[:30], starts(lesson))
+
+    def earned(pilot):
+        fly = jax.vmap(partial(flown, lesson, pilot), in_axes=(0, None))
+        return fly(begun, lessons.HORIZON["progress"])[0].reward.sum(axis=1)
+
+    lazy, diligent = np.asarray(earned(idle)), np.asarray(earned(to_the_subgoal))
+    assert lazy.max() <= 0.1  # the flock may come together by itself, by centimetres
+    assert np.mean(diligent > lazy) > 0.9
+    assert diligent.mean() > lazy.mean() + 10.0
+
+
+# How it ends
+
+
+@pytest.mark.parametrize("skill", SKILLS)
+@pytest.mark.parametrize("reward", ["progress", "paper"])
+def test_an_outcome_is_never_both_terminated_and_truncated(skill, reward):
+    lesson = Lesson(WORLD, skill, reward)
+    horizon = lessons.HORIZON[reward]
+    ends = 0
+    for distance in (0.05, 0.2, 0.339, 0.341, 3.0):
+        episode = lesson.start(jax.random.key(5))
+        subgoal = episode.state.dogs[0] - lesson.observe(episode)[2:]
+        there = replace(episode.state, dogs=(subgoal + jnp.array([distance, 0.0]))[None])
+        last = replace(episode, state=there, step=jnp.asarray(horizon - 1))
+        _, outcome = step(lesson, last, jnp.zeros(2))
+        assert bool(outcome.terminated) != bool(outcome.truncated)
+        ends += int(outcome.terminated)
+    assert (ends > 0) == (reward == "paper")
+
+
+def test_a_progress_lesson_goes_on_after_arrival_for_200_steps():
+    lesson = Lesson(WORLD, "drive")
+    outcome, distance = flown(lesson, to_the_subgoal, an_episode(*FAR), 200)
+    assert (distance[:199] <= lessons.ARRIVAL).any()
+    assert not outcome.terminated.any()
+    assert np.flatnonzero(outcome.truncated).tolist() == [199]
+    arrived = int(np.argmax(np.asarray(distance) <= lessons.ARRIVAL))
+    assert not outcome.success[:arrived].any()
+    assert outcome.success[arrived:].all()
+
+
+def test_the_papers_lesson_ends_on_arrival():
+    outcome, distance = flown(
+        Lesson(WORLD, "drive", "paper"), to_the_subgoal, an_episode(*FAR), 200
+    )
+    arrived = int(np.argmax(np.asarray(distance) <= lessons.ARRIVAL))
+    assert 0 < arrived < 199
+    assert int(np.argmax(outcome.terminated)) == arrived
+    assert not outcome.truncated.any()
+    assert bool(outcome.success[arrived])
+
+
+def test_the_papers_lesson_is_cut_off_after_1000_steps():
+    outcome, _ = flown(Lesson(WORLD, "drive", "paper"), idle, an_episode(*FAR), 1000)
+    assert np.flatnonzero(outcome.truncated).tolist() == [999]
+    assert not outcome.success.any()

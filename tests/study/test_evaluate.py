@@ -1,0 +1,84 @@
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from skydog.shepherds.strombom import Strombom
+from skydog.study import evaluate, metrics
+from skydog.study.cases import cases
+from skydog.world import mission
+from skydog.world.mission import Trace
+from skydog.world.params import preset
+
+WORLD = preset("paper", 4.0)
+CAP = 10
+
+
+def a_trace(done_at: int | None, stride: float) -> Trace:
+    """A dog that flies `stride` metres a step until its mission is done, if ever."""
+    instants = np.arange(CAP + 1)
+    last = CAP if done_at is None else done_at
+    x = stride * np.minimum(instants, last)
+    dogs = np.stack([x, np.zeros_like(x)], axis=-1)[:, None]
+    near = np.array([[0.1, 0.1], [0.2, 0.1], [0.1, 0.2]])
+    arrived = instants >= (CAP + 1 if done_at is None else done_at)
+    # The centre is home a step before the last sheep.
+    home = instants >= (CAP + 1 if done_at is None else done_at - 1)
+    sheep = np.where(home[:, None, None], near, near + 3.0)
+    return Trace(
+        world=WORLD,
+        time=jnp.asarray(0.1 * instants, jnp.float32),
+        sheep=jnp.asarray(sheep, jnp.float32),
+        dogs=jnp.asarray(dogs, jnp.float32),
+        subgoal=jnp.zeros((CAP + 1, 1, 2)),
+        drives=jnp.ones((CAP + 1, 1), bool),
+        command=jnp.zeros((CAP + 1, 1, 2)),
+        accomplished=jnp.asarray(arrived),
+    )
+
+
+def stacked(*traces: Trace) -> Trace:
+    return jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(x) for x in leaves]), *traces)
+
+
+def test_a_row_measures_every_case_and_counts_a_failure_with_all_its_steps():
+    row = evaluate.row(stacked(a_trace(4, 0.5), a_trace(7, 0.1), a_trace(None, 0.2)))
+    assert row["success"] == pytest.approx(2 / 3)
+    assert row["cases"] == 3
+    expected = {"steps": [4, 7, CAP], "steps_gcm": [3, 6, CAP], "distance": [2.0, 0.7, 2.0]}
+    for name, values in expected.items():
+        assert row[name]["mean"] == pytest.approx(np.mean(values), rel=1e-5)
+        assert row[name]["sd"] == pytest.approx(np.std(values, ddof=1), rel=1e-5)
+        low, high = row[name]["ci95"]
+        assert min(values) - 1e-5 <= low < row[name]["mean"] < high <= max(values) + 1e-5
+
+
+@pytest.mark.parametrize(("done_at", "success", "steps"), [(4, 1.0, 4), (None, 0.0, CAP)])
+def test_a_single_case_has_no_spread(done_at, success, steps):
+    row = evaluate.row(stacked(a_trace(done_at, 0.5)))
+    assert (row["success"], row["cases"]) == (success, 1)
+    assert row["steps"] == {"mean": steps, "sd": 0.0, "ci95": [steps, steps]}
+
+
+def test_flown_together_cases_go_as_each_alone():
+    starts = cases(WORLD, 3)
+    together = evaluate.fly(WORLD, Strombom(), starts, 150)
+    for case in range(3):
+        one = jax.tree.map(lambda leaf, case=case: leaf[case], starts)
+        alone = jax.jit(mission.rollout, static_argnames="steps")(WORLD, Strombom(), one, 150)
+        np.testing.assert_allclose(together.sheep[case], alone.sheep, atol=1e-3)
+        assert int(metrics.steps(alone)) == int(np.argmax(together.accomplished[case]))
+
+
+def test_noise_is_drawn_anew_for_every_case_and_only_with_a_key():
+    noisy = replace(WORLD, dog=replace(WORLD.dog, actuation_noise=0.2))
+    one = jax.tree.map(lambda leaf: leaf[:1], cases(WORLD, 1))
+    twins = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), one)
+    quiet = evaluate.fly(noisy, Strombom(), twins, 20)
+    assert np.array_equal(quiet.dogs[0], quiet.dogs[1])
+    shaken = evaluate.fly(noisy, Strombom(), twins, 20, key=jax.random.key(0))
+    assert not np.array_equal(shaken.dogs[0], shaken.dogs[1])
+    again = evaluate.fly(noisy, Strombom(), twins, 20, key=jax.random.key(0))
+    assert np.array_equal(shaken.dogs, again.dogs)

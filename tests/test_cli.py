@@ -1,0 +1,218 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import pytest
+
+from skydog import cli, files
+from skydog.learning import train
+from skydog.networks import Actor
+from skydog.shepherds import store
+from skydog.shepherds.sheepdog import Sheepdog
+from skydog.shepherds.strombom import Strombom
+from skydog.study import evaluate, traces
+from skydog.study.cases import cases
+from skydog.world.params import preset
+
+COMMANDS = ("herd", "train", "test", "replay", "presets")
+
+
+@pytest.fixture
+def skydog(monkeypatch, capsys, tmp_path):
+    """The command, run in this process and in an empty folder: exit code, output, errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str):
+        monkeypatch.setattr(sys, "argv", ["skydog", *arguments])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        told = capsys.readouterr()
+        return left.value.code or 0, told.out, told.err
+
+    return run
+
+
+@pytest.fixture
+def refused(skydog, tmp_path):
+    """What a command that must be refused says; it may write nothing."""
+
+    def run(*arguments: str) -> str:
+        before = {p: p.read_bytes() if p.is_file() else None for p in tmp_path.rglob("*")}
+        code, out, err = skydog(*arguments)
+        assert code == 2
+        assert out == ""
+        assert err.startswith("skydog: ")
+        assert err.count("\n") == 1
+        after = {p: p.read_bytes() if p.is_file() else None for p in tmp_path.rglob("*")}
+        assert after == before
+        return err
+
+    return run
+
+
+@pytest.fixture
+def a_sheepdog(tmp_path):
+    actor = Actor(4, 2, (6,), jax.random.key(0))
+    store.save(tmp_path / "dog" / store.FILE, Sheepdog(actor, actor, 4.0), {"seed": 0})
+    return tmp_path / "dog" / store.FILE
+
+
+@pytest.fixture(scope="module")
+def flown():
+    world = preset("paper", 4.0)
+    return jax.tree.map(lambda x: x[0], evaluate.fly(world, Strombom(), cases(world, 1), 60))
+
+
+@pytest.fixture
+def a_trace(tmp_path, flown):
+    traces.save(tmp_path / "flown.safetensors", flown, "Strombom-4x4")
+    return tmp_path / "flown.safetensors"
+
+
+# Help
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_shows_an_example_in_its_help(skydog, command):
+    code, out, _ = skydog(command, "--help")
+    assert code == 0
+    assert f"Example: skydog {command}" in " ".join(out.replace("│", " ").split())
+
+
+def test_the_help_lists_every_command_and_does_not_import_jax():
+    code = (
+        "import sys; from skydog import cli; sys.argv = ['skydog', '--help']\n"
+        "try: cli.main()\n"
+        "except SystemExit as left: print(left.code, 'jax' in sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] in ("0 False", "None False")
+    assert all(command in done.stdout for command in COMMANDS)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("arguments", "value", "remedy"),
+    [
+        ("train --sheep -1", "-1", "--sheep 3"),
+        ("test strombom --sheep 0", "0", "--sheep 3"),
+        ("herd --arena 0", "0", "--arena 4"),
+        ("train --arena nan", "nan", "--arena 4"),
+        ("test strombom --arena -3", "-3", "--arena 4"),
+        ("train --preset nope", "'nope'", "paper, paper-w05, strombom2014"),
+        ("test strombom --preset nope", "'nope'", "paper, paper-w05, strombom2014"),
+        ("herd --cases 0", "0", "--cases 30"),
+        ("test strombom --cases 0", "0", "--cases 30"),
+        ("test strombom --dogs 0", "0", "--dogs 1"),
+        ("test strombom --sheep 4", "4", "--starts random"),
+        ("herd --steps 0", "0", "--steps"),
+        ("train --steps -5", "-5", "--steps"),
+        ("train --seeds 0", "0", "--seeds 8"),
+        ("test nowhere.safetensors", "nowhere.safetensors", "check the path"),
+        ("replay nowhere.safetensors", "nowhere.safetensors", "check the path"),
+    ],
+)
+def test_a_wrong_value_is_refused_in_one_line_with_its_remedy(refused, arguments, value, remedy):
+    message = refused(*arguments.split())
+    assert value in message
+    assert remedy in message
+
+
+@pytest.mark.parametrize("command", ["herd", "train"])
+def test_a_folder_that_cannot_be_made_is_refused(refused, tmp_path, command):
+    (tmp_path / "file").write_text("in the way")
+    assert "file/run" in refused(command, "--out", "file/run", "--steps", "10")
+
+
+def test_results_that_cannot_be_written_are_refused(refused, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    assert "file/out" in refused("test", "strombom", "--cases", "1", "--out", "file/out")
+
+
+def test_a_damaged_sheepdog_is_refused(refused, a_sheepdog):
+    a_sheepdog.write_bytes(a_sheepdog.read_bytes()[:-9])
+    assert "damaged" in refused("test", str(a_sheepdog))
+
+
+def test_a_sheepdog_that_observes_other_numbers_is_refused(refused, a_sheepdog):
+    arrays, card = files.load_arrays(a_sheepdog, "sheepdog")
+    files.save_arrays(a_sheepdog, arrays, {**card, "observes": ["a", "b", "c", "d", "e", "f"]})
+    message = refused("test", str(a_sheepdog.parent))
+    assert "observes 6 numbers, this mission has 4" in message
+    assert "train it again" in message
+
+
+def test_what_is_no_trace_is_not_replayed(refused, a_sheepdog):
+    assert "no trace" in refused("replay", str(a_sheepdog))
+
+
+def test_a_replay_of_nothing_is_refused(refused):
+    assert "TRACE" in refused("replay")
+
+
+@pytest.mark.parametrize("name", ["x.xyz", "x", "x.mp4"])
+def test_a_replay_of_an_unknown_kind_is_refused(refused, a_trace, name):
+    assert "x.html or x.gif" in refused("replay", str(a_trace), "-o", name)
+
+
+@pytest.mark.parametrize("skill", ["collect", "drive"])
+def test_a_training_is_not_overwritten_without_being_asked(refused, tmp_path, skill):
+    checkpoint = train.checkpoint_in(tmp_path / "runs" / skill)
+    files.write_bytes(checkpoint, b"much learnt")
+    assert "--resume" in refused("train", "--out", "runs")
+    assert "--resume" in refused("herd", "--out", "runs")
+
+
+def test_tensorboard_that_is_missing_is_refused_with_the_line_to_type(refused, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+    message = refused("train", "--tensorboard", "--steps", "10")
+    assert "pip install 'skydog[tensorboard]'" in message
+
+
+# What is printed
+
+
+@pytest.mark.parametrize("who", ["dog", "dog/sheepdog.safetensors", "strombom"])
+def test_a_test_as_json_is_one_row(skydog, a_sheepdog, who):
+    code, out, _ = skydog("test", who, "--cases", "2", "--json")
+    assert code == 0
+    row = json.loads(out)
+    assert row.keys() == {"success", "cases", "steps", "steps_gcm", "distance"}
+    assert row["cases"] == 2
+    assert row["steps"].keys() == {"mean", "sd", "ci95"}
+
+
+def test_a_test_writes_its_results_and_a_trace_a_mission(skydog, tmp_path):
+    code, out, _ = skydog("test", "strombom", "--cases", "2", "--out", "kept", "--json")
+    assert code == 0
+    results = json.loads((tmp_path / "kept" / "results.json").read_text())
+    assert results == {"Strombom-4x4": json.loads(out)}
+    for case in (1, 2):
+        trace, shepherd = traces.load(tmp_path / f"kept/traces/Strombom-4x4-{case}.safetensors")
+        assert shepherd == "Strombom-4x4"
+        assert trace.sheep.shape[1:] == (3, 2)
+
+
+@pytest.mark.parametrize(("name", "begins"), [("x.html", b"<!"), ("x.gif", b"GIF89a")])
+def test_a_mission_is_replayed_as_a_page_or_a_moving_picture(skydog, a_trace, name, begins):
+    code, out, _ = skydog("replay", str(a_trace), "-o", name)
+    assert (code, out.strip()) == (0, name)
+    assert Path(name).read_bytes().lower().startswith(begins.lower())
+
+
+def test_missions_of_the_same_name_are_all_replayed(skydog, a_trace, tmp_path):
+    other = tmp_path / "other" / a_trace.name
+    files.write_bytes(other, a_trace.read_bytes())
+    assert skydog("replay", str(a_trace), str(other), "-o", "two.html")[0] == 0
+    assert Path("two.html").read_text().count('"accomplished":') == 2
+
+
+def test_presets_are_listed_with_their_values(skydog):
+    code, out, _ = skydog("presets", "--json")
+    assert code == 0
+    assert json.loads(out)["paper"]["flock.sensing"] == 2.0
+    assert skydog("presets")[1].count("flock.") == 12
