@@ -31,12 +31,3 @@ def test_the_noise_is_at_rest_when_an_episode_begins_and_only_then():
         training = train.init(task, QUICK, jax.random.key(0))
         training, _ = train.advance(task, QUICK, training, jax.random.key(1), steps)
         assert (training.agent.noise == 0.0).all() == rests
-
-
-def test_beginning_touches_nothing_but_the_noise():
-    agent = ddpg.init(jax.random.key(0), 1, 1, QUICK)
-    agent, _ = ddpg.explore(agent, jnp.zeros(1), QUICK, jnp.ones(1))
-    begun = ddpg.begin(agent, jnp.asarray(True))
-    changed = jax.tree.map(lambda a, b: not np.array_equal(a, b), agent, begun)
-    assert sum(jax.tree.leaves(changed)) == 1
-    assert begun.noise.tolist() == [0.0]

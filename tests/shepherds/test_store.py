@@ -37,7 +37,7 @@ def refusal(path) -> str:
     folder = path if path.is_dir() else path.parent
     before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
     with pytest.raises(Refusal) as caught:
-        store.load(path)
+        store.read(path)
     assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == before
     message = str(caught.value)
     assert str(path) in message
@@ -53,7 +53,7 @@ def refusal(path) -> str:
 def test_a_sheepdog_comes_back_exactly_and_flies_the_same(tmp_path, arena):
     dog = a_sheepdog(arena)
     store.save(tmp_path / "x.safetensors", dog, FROM)
-    back, _ = store.load(tmp_path / "x.safetensors")
+    back, _ = store.read(tmp_path / "x.safetensors")
     assert back.arena == arena
     assert jax.tree.structure(back) == jax.tree.structure(dog)
     for here, there in zip(jax.tree.leaves(dog), jax.tree.leaves(back), strict=True):
@@ -64,7 +64,7 @@ def test_a_sheepdog_comes_back_exactly_and_flies_the_same(tmp_path, arena):
 
 
 def test_the_card_says_where_a_sheepdog_comes_from_and_what_it_sees(saved):
-    _, card = store.load(saved)
+    _, card = store.read(saved)
     assert card == {
         "kind": "sheepdog",
         "observes": list(OBSERVES),
@@ -86,7 +86,7 @@ def test_the_card_for_people_names_the_observations_in_order_and_the_seed(saved)
 
 def test_a_sheepdog_is_found_by_its_run_folder(saved):
     assert store.find(saved.parent) == saved
-    assert store.load(saved.parent)[0].arena == 4.0
+    assert store.load(saved.parent).arena == 4.0
 
 
 def test_a_folder_of_several_sheepdogs_is_refused_and_one_of_them_named(tmp_path):
@@ -233,4 +233,4 @@ def test_a_checkpoint_is_no_sheepdog(tmp_path):
 def test_a_sheepdog_of_float32_scalars_is_saved_like_one_of_plain_numbers(tmp_path):
     dog = eqx.tree_at(lambda s: s.arena, a_sheepdog(), jnp.float32(4.0))
     store.save(tmp_path / store.FILE, dog, FROM)
-    assert json.loads(json.dumps(store.load(tmp_path)[1]))["arena"] == 4.0
+    assert json.loads(json.dumps(store.read(tmp_path)[1]))["arena"] == 4.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skydog.shepherds.strombom import Strombom
-from skydog.study import evaluate, metrics
+from skydog.study import evaluate
 from skydog.study.cases import cases
 from skydog.world import mission
 from skydog.world.mission import Trace
@@ -64,12 +64,11 @@ def test_a_single_case_has_no_spread(done_at, success, steps):
 
 def test_flown_together_cases_go_as_each_alone():
     starts = cases(WORLD, 3)
-    together = evaluate.fly(WORLD, Strombom(), starts, 150)
+    together = evaluate.fly(WORLD, Strombom(), starts, 30)
     for case in range(3):
         one = jax.tree.map(lambda leaf, case=case: leaf[case], starts)
-        alone = jax.jit(mission.rollout, static_argnames="steps")(WORLD, Strombom(), one, 150)
+        alone = jax.jit(mission.rollout, static_argnames="steps")(WORLD, Strombom(), one, 30)
         np.testing.assert_allclose(together.sheep[case], alone.sheep, atol=1e-3)
-        assert int(metrics.steps(alone)) == int(np.argmax(together.accomplished[case]))
 
 
 def test_noise_is_drawn_anew_for_every_case_and_only_with_a_key():

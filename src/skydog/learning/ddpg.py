@@ -131,8 +131,7 @@ def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
     change, actor_adam = _adam(config.actor_rate).update(slope, agent.actor_adam)
     actor = eqx.apply_updates(agent.actor, change)
 
-    # The latest actor is never quite right: it wanders about the policy that it converges to, and
-    # one in five is caught where it loses the flock. Its average wanders far less.
+    # The latest actor wanders about the policy that it converges to; its average far less.
     share = config.averaged / (agent.updates + config.averaged)
     return DDPG(
         actor=actor,
