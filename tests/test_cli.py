@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from skydog import cli, files
+from skydog import cli, files, herd
 from skydog.learning import train
 from skydog.networks import Actor
 from skydog.shepherds import store
@@ -160,11 +160,16 @@ def test_a_replay_of_an_unknown_kind_is_refused(refused, a_trace, name):
 
 
 @pytest.mark.parametrize("skill", ["collect", "drive"])
-def test_a_training_is_not_overwritten_without_being_asked(refused, tmp_path, skill):
-    checkpoint = train.checkpoint_in(tmp_path / "runs" / skill)
-    files.write_bytes(checkpoint, b"much learnt")
-    assert "--resume" in refused("train", "--out", "runs")
-    assert "--resume" in refused("herd", "--out", "runs")
+@pytest.mark.parametrize("command", ["train", "herd"])
+def test_a_training_is_not_overwritten_without_being_asked(
+    refused, monkeypatch, tmp_path, command, skill
+):
+    def overwrites(*_):
+        raise AssertionError("a training would be overwritten")
+
+    monkeypatch.setattr(herd, "teach", overwrites)
+    files.write_bytes(train.checkpoint_in(tmp_path / "runs" / skill), b"much learnt")
+    assert "--resume" in refused(command, "--out", "runs")
 
 
 def test_tensorboard_that_is_missing_is_refused_with_the_line_to_type(refused, monkeypatch):

@@ -55,6 +55,7 @@ def test_a_run_folder_holds_everything(run):
         "trajectories.svg",
         "report.html",
         "results.json",
+        "results.md",
         *(f"{s}/{f}" for s in herd.SKILLS for f in ("checkpoint.safetensors", "curve.csv")),
         *(f"traces/{name}.safetensors" for name in printed),
     }

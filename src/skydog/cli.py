@@ -100,7 +100,7 @@ def train(
     results = job.train(out, course, seed, seeds, resume, tensorboard, _command())
     if results is None:
         return STOPPED
-    _show(results, as_json)
+    _show(results, as_json, as_paper=preset == "paper")
     return 0
 
 
@@ -141,7 +141,8 @@ def test(
     from skydog import herd as job
 
     world = job.params.preset(preset, arena, sheep)
-    _show(job.test(shepherd, world, cases, starts, seed, sheep, dogs, at_point, out), as_json)
+    results = job.test(shepherd, world, cases, starts, seed, sheep, dogs, at_point, out)
+    _show(results, as_json, as_paper=(preset, starts, dogs) == ("paper", "paper", 1))
     return 0
 
 
@@ -217,7 +218,7 @@ def _command() -> str:
     return shlex.join(["skydog", *sys.argv[1:]])
 
 
-def _show(results: dict[str, Any], as_json: bool) -> None:
+def _show(results: dict[str, Any], as_json: bool, as_paper: bool = True) -> None:
     if as_json:
         print(json.dumps(results if len(results) > 1 else next(iter(results.values())), indent=2))
         return
@@ -226,7 +227,7 @@ def _show(results: dict[str, Any], as_json: bool) -> None:
     from skydog import herd
     from skydog.study import report
 
-    Console().print(report.table(herd.rows(results)))
+    Console().print(report.table(herd.rows(results, as_paper)))
 
 
 if __name__ == "__main__":

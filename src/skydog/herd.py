@@ -123,10 +123,15 @@ def card(course: Course, seed: int, command: str, results: Results) -> dict[str,
     }
 
 
-def scenario(shepherd: str, world: World) -> str:
-    """The paper's name for a shepherd in an arena, such as H-DDPG-4x4."""
-    side = f"{float(world.arena.size):g}"
-    return f"{shepherd}-{side}x{side}"
+def scenario(shepherd: Shepherd, world: World) -> str:
+    """The paper's name for a shepherd in an arena: H-DDPG-4x4, or H-DDPG-4x4to6x6 if it learnt
+    in another."""
+    flown = f"{world.arena.size:g}x{world.arena.size:g}"
+    if isinstance(shepherd, Strombom):
+        return f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"
+    if isinstance(shepherd, Sheepdog) and shepherd.arena != world.arena.size:
+        return f"H-DDPG-{shepherd.arena:g}x{shepherd.arena:g}to{flown}"
+    return f"H-DDPG-{flown}"
 
 
 NOTES = [
@@ -156,12 +161,10 @@ def herd(
     sheepdog, histories = fuse(course, out, seed)
 
     console.say(f"Flying {count} cases with each shepherd ...")
-    shepherds: dict[str, Shepherd] = {
-        scenario("H-DDPG", world): sheepdog,
-        scenario("Strombom", world): Strombom(),
-        scenario("Strombom-arrive", world): Strombom(at_point="arrive"),
+    shepherds = (sheepdog, Strombom(), Strombom(at_point="arrive"))
+    flown = {
+        scenario(shepherd, world): evaluate.fly(world, shepherd, starts) for shepherd in shepherds
     }
-    flown = {name: evaluate.fly(world, shepherd, starts) for name, shepherd in shepherds.items()}
     results = {name: evaluate.row(trace) for name, trace in flown.items()}
     ours = next(iter(results))
     store.save(out / store.FILE, sheepdog, card(course, seed, command, {ours: results[ours]}))
@@ -223,7 +226,7 @@ def train(
         row = evaluate.row(
             evaluate.fly(world, sheepdog, cases(world, 30, starts, sheep=course.sheep))
         )
-        name = scenario("H-DDPG", world)
+        name = scenario(sheepdog, world)
         store.save(folder / store.FILE, sheepdog, card(course, seed, command, {name: row}))
         results[f"{name}, seed {seed}" if count > 1 else name] = row
     write_results(out, results)
@@ -246,11 +249,9 @@ def test(
 
     With `out`, the results and every mission's trace are written there.
     """
-    if shepherd == "strombom":
-        name, steers = "Strombom", Strombom(at_point=at_point)
-    else:
-        name, steers = "H-DDPG", store.load(shepherd)
-    name = scenario(name, world)
+    rule_dog = shepherd == "strombom"
+    steers = Strombom(at_point=at_point) if rule_dog else store.load(shepherd)
+    name = scenario(steers, world)
     starting = cases(world, count, starts, seed, sheep, dogs)
     key = jax.random.key(seed) if params.noisy(world) else None
     flown = evaluate.fly(world, steers, starting, key=key)
@@ -263,9 +264,10 @@ def test(
     return results
 
 
-def rows(results: Results) -> list[report.Row]:
-    """Results beside the paper's own figures, for a table."""
-    return [report.Row(name, row, paper.PRINTED.get(name)) for name, row in results.items()]
+def rows(results: Results, as_paper: bool = True) -> list[report.Row]:
+    """Results for a table: beside the paper's own figures, if the cases are as the paper's."""
+    printed = paper.PRINTED if as_paper else {}
+    return [report.Row(name, row, printed.get(name)) for name, row in results.items()]
 
 
 def write_results(out: Path, results: Results) -> None:

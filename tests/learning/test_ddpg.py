@@ -214,7 +214,7 @@ def remembered(task, steps=6):
     training = train.init(task, config, jax.random.key(0))
     training, ended = train.advance(task, config, training, jax.random.key(1), steps)
     columns = np.asarray(training.memory.ring[:steps])
-    seen, action, reward, then, terminated = columns.T
+    seen, _, reward, then, terminated = columns.T
     return seen, reward, then, terminated, np.asarray(ended.ended)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from toys import QUICK, Count
 
-from skydog.learning import ddpg, train
+from skydog.learning import train
 from skydog.learning.noise import ornstein_uhlenbeck
 
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -101,7 +100,7 @@ def readable(card: dict[str, Any]) -> str:
 def _actor(path: Path, skill: str, arrays: dict[str, np.ndarray]) -> Actor:
     depth = sum(name.startswith(f"{skill}.") and name.endswith(".weight") for name in arrays)
     nodes = [len(OBSERVES)]
-    weights: list[tuple[Array, Array]] = []
+    weights: list[Array] = []
     for layer in range(min(depth, DEEPEST)):
         weight = arrays.get(f"{skill}.{layer}.weight", np.zeros(0))
         bias = arrays.get(f"{skill}.{layer}.bias", np.zeros(0))
@@ -109,15 +108,11 @@ def _actor(path: Path, skill: str, arrays: dict[str, np.ndarray]) -> Actor:
         if not fits or bias.size > WIDEST or not weight.dtype == bias.dtype == np.float32:
             raise Refusal(f"{path} is damaged: layer {layer} of {skill} has shape {weight.shape}")
         nodes.append(bias.size)
-        weights.append((jnp.asarray(weight), jnp.asarray(bias)))
+        weights += [jnp.asarray(weight), jnp.asarray(bias)]
     if not weights or nodes[-1] != len(COMMANDS):
         raise Refusal(f"{path} is damaged: {skill} is not a network of {len(COMMANDS)} commands")
     blank = Actor(nodes[0], nodes[-1], tuple(nodes[1:-1]), jax.random.key(0))
-    return eqx.tree_at(
-        lambda actor: [(linear.weight, linear.bias) for linear in actor.layers.linears],
-        blank,
-        weights,
-    )
+    return jax.tree.unflatten(jax.tree.structure(blank), weights)
 
 
 def _short(value: Any) -> str:
