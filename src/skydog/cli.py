@@ -1,7 +1,9 @@
 """The command `skydog`: parse, call, print. What a command needs is imported when it runs."""
 
 import json
+import os
 import shlex
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -162,8 +164,11 @@ def replay(
     from skydog.study import traces as store
     from skydog.view import replay as view
 
-    missions = {path.stem: store.load(path)[0] for path in traces}
-    view.save(out, missions)
+    if not traces:
+        raise Refusal("replay needs a trace; try skydog replay runs/herd/traces/*.safetensors")
+    stems = [path.stem for path in traces]
+    named = {path.stem if stems.count(path.stem) == 1 else str(path): path for path in traces}
+    view.save(out, {name: store.load(path)[0] for name, path in named.items()})
     print(out)
     return 0
 
@@ -198,6 +203,9 @@ def presets(as_json: Annotated[bool, arg(name="json")] = False) -> int:
 
 def main() -> None:
     """Run the command line; a `Refusal` is one line and exit code 2."""
+    # At once and without unwinding: files are written whole or not at all, and an exception
+    # that is raised inside a callback of jax gets lost. Trainings listen for themselves.
+    before = signal.signal(signal.SIGINT, _stop)
     try:
         code = app.cli(
             prog="skydog",
@@ -208,10 +216,14 @@ def main() -> None:
     except Refusal as refusal:
         print(f"skydog: {refusal}", file=sys.stderr)
         code = 2
-    except KeyboardInterrupt:
-        print("skydog: stopped", file=sys.stderr)
-        code = STOPPED
+    finally:
+        signal.signal(signal.SIGINT, before)
     sys.exit(code)
+
+
+def _stop(*_: object) -> None:
+    print("\nskydog: stopped", file=sys.stderr, flush=True)
+    os._exit(STOPPED)
 
 
 def _command() -> str:

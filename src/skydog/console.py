@@ -17,7 +17,7 @@ progress_console = Console(stderr=True)
 
 def say(text: str) -> None:
     """Tell what is being done."""
-    progress_console.print(text, highlight=False)
+    progress_console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 class TrainingBars:
@@ -53,6 +53,8 @@ class TrainingBars:
         """Show what a worker tells."""
         row = self._rows[news.job.name]
         if news.progress is None:
+            if news.ended == "done":
+                self._bars.update(row, completed=news.job.steps)
             return
         speed = self._bars.tasks[row].speed
         self._bars.update(

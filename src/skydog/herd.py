@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -24,7 +24,7 @@ from skydog.study.cases import cases
 from skydog.view import figures, replay
 from skydog.words import AtPoint, Reward, Skill, Starts
 from skydog.world import params
-from skydog.world.mission import Shepherd, Trace
+from skydog.world.mission import Shepherd, State, Trace
 from skydog.world.params import World
 
 Results = dict[str, Any]
@@ -47,7 +47,9 @@ class Course:
     def world(self) -> World:
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
         if self.steps < 1:
-            raise Refusal(f"a skill is taught for at least 1 step, got {self.steps}")
+            raise Refusal(
+                f"a skill is taught for at least 1 step, got {self.steps}; try --steps 100000"
+            )
         return params.preset(self.preset, self.arena, self.sheep)
 
     def jobs(self, folder: Path, seed: int, resume: bool) -> list[Job]:
@@ -69,13 +71,18 @@ class Course:
 
 
 def teach(
-    course: Course, folders: dict[int, Path], resume: bool, tensorboard: Path | None = None
+    course: Course,
+    folders: dict[int, Path],
+    resume: bool,
+    write: Callable[[workers.News], None] | None = None,
 ) -> bool:
-    """Train a sheepdog a seed, each in its folder; tell whether all of them were finished."""
+    """Train a sheepdog a seed, each in its folder; tell whether all of them were finished.
+
+    `write` hears all news too.
+    """
     jobs = [job for seed, folder in folders.items() for job in course.jobs(folder, seed, resume)]
     for job in jobs:
         files.folder(job.folder)
-    write = console.tensorboard(tensorboard) if tensorboard else None
     with console.TrainingBars(jobs) as bars:
 
         def listen(news: workers.News) -> None:
@@ -154,6 +161,9 @@ def herd(
     """
     world = course.world()
     starts = cases(world, count, "paper", sheep=course.sheep)
+    # A finished run is replaced, as by any other make; one that was interrupted is work to lose.
+    if not resume and not (out / "results.json").exists():
+        _refuse_to_overwrite([out])
     out = files.folder(out)
     console.say(f"Teaching collect and drive from nothing, {course.steps:,} steps each:")
     if not teach(course, {seed: out}, resume):
@@ -215,17 +225,16 @@ def train(
     folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
     if not resume:
         _refuse_to_overwrite(folders.values())
+    write = console.tensorboard(out / "tensorboard") if tensorboard else None
     out = files.folder(out)
     console.say(f"Teaching {count} x 2 skills, {course.steps:,} steps each:")
-    if not teach(course, folders, resume, out / "tensorboard" if tensorboard else None):
+    if not teach(course, folders, resume, write):
         return stopped(command)
     results = {}
     for seed, folder in folders.items():
         sheepdog, _ = fuse(course, folder, seed)
         starts = "paper" if course.sheep == 3 else "random"
-        row = evaluate.row(
-            evaluate.fly(world, sheepdog, cases(world, 30, starts, sheep=course.sheep))
-        )
+        row = evaluate.row(fly(world, sheepdog, cases(world, 30, starts, sheep=course.sheep), 0))
         name = scenario(sheepdog, world)
         store.save(folder / store.FILE, sheepdog, card(course, seed, command, {name: row}))
         results[f"{name}, seed {seed}" if count > 1 else name] = row
@@ -252,9 +261,9 @@ def test(
     rule_dog = shepherd == "strombom"
     steers = Strombom(at_point=at_point) if rule_dog else store.load(shepherd)
     name = scenario(steers, world)
-    starting = cases(world, count, starts, seed, sheep, dogs)
-    key = jax.random.key(seed) if params.noisy(world) else None
-    flown = evaluate.fly(world, steers, starting, key=key)
+    if out is not None:
+        files.folder(out)
+    flown = fly(world, steers, cases(world, count, starts, seed, sheep, dogs), seed)
     results = {name: evaluate.row(flown)}
     if out is not None:
         write_results(out, results)
@@ -262,6 +271,12 @@ def test(
             path = out / "traces" / f"{name}-{case + 1}.safetensors"
             traces.save(path, one_case(flown, case), name)
     return results
+
+
+def fly(world: World, shepherd: Shepherd, starts: State, seed: int) -> Trace:
+    """Missions from `starts`, with the noise that the world asks for, if any."""
+    key = jax.random.key(seed) if params.noisy(world) else None
+    return evaluate.fly(world, shepherd, starts, key=key)
 
 
 def rows(results: Results, as_paper: bool = True) -> list[report.Row]:

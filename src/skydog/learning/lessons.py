@@ -73,8 +73,9 @@ class Lesson(eqx.Module):
     def start(self, key: PRNGKeyArray) -> Episode:
         """A gathered flock somewhere in the arena, and the dog somewhere in the airspace.
 
-        To collect, one sheep stands apart, outside f(N) of the others (paper, "Skill
-        Decomposition Framework"; the distances are ours).
+        To collect, one sheep stands apart (paper, "Skill Decomposition Framework"): 1.2 to 3.2
+        f(N) from the middle of the others, or less where the wall is nearer. The distances are
+        ours.
         """
         for_centre, for_angle, for_radius, for_stray, for_dog, for_offset = jax.random.split(key, 6)
         size = self.world.arena.size

@@ -8,8 +8,8 @@ def ornstein_uhlenbeck(
 ) -> Float[Array, " action"]:
     """The next value of a walk that is drawn back to zero (Uhlenbeck and Ornstein 1930).
 
-    `theta` is the share by which it returns in a step `sigma` the SD of its
-    kicks and `kick` a draw from the standard normal; its
-    SD in the long run is sigma / sqrt(2 theta - theta²). Dimensionless.
+    `theta` is the share by which it returns in a step, `sigma` the SD of its kicks and `kick` a
+    draw from the standard normal. Its SD in the long run is sigma / sqrt(2 theta - theta²).
+    Dimensionless.
     """
     return noise - theta * noise + sigma * kick

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -23,6 +23,7 @@ CHECKPOINT = 20_000  # steps between checkpoints
 EPISODES_A_ROW = 10  # paper, Section "Training": rewards in every 10 episodes
 
 
+@runtime_checkable
 class Task(Protocol):
     """What is to be learnt: pure functions of an episode. A `Lesson` is one."""
 
@@ -56,10 +57,10 @@ class Training(eqx.Module):
 class Ended(eqx.Module):
     """Which steps of a chunk ended an episode, and what that episode had come to."""
 
-    ended: Bool[Array, " chunk"]
-    reward: Float[Array, " chunk"]
-    length: Int[Array, " chunk"]
-    success: Bool[Array, " chunk"]
+    ended: Bool[Array, "*chunk"]
+    reward: Float[Array, "*chunk"]
+    length: Int[Array, "*chunk"]
+    success: Bool[Array, "*chunk"]
 
 
 @dataclass(frozen=True)
@@ -232,8 +233,13 @@ def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, 
     shapes = {name: (leaf.shape, leaf.dtype) for name, leaf in expected.items()}
     if {name: (leaf.shape, leaf.dtype) for name, leaf in arrays.items()} != shapes:
         raise Refusal(f"{path} does not fit this version of skydog; train again")
-    if any(values is None for values in history.values()):
-        raise Refusal(f"{path} is damaged: it holds no history; train again")
+    episodes = np.shape(history["reward"])
+    kinds = dict(zip(history, ("float32", "int32", "bool"), strict=True))
+    if len(episodes) != 1 or any(
+        values is None or values.shape != episodes or values.dtype != kinds[name]
+        for name, values in history.items()
+    ):
+        raise Refusal(f"{path} is damaged: its history is no list of episodes; train again")
     leaves = [jnp.asarray(arrays[name]) for name in expected]
     training = jax.tree.unflatten(jax.tree.structure(like), leaves)
     return training, History(**history)  # pyright: ignore[reportArgumentType]

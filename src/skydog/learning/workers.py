@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
@@ -55,8 +56,8 @@ def run(jobs: Sequence[Job], listen: Callable[[News], None]) -> bool:
     """Train every job, as many at a time as there are cores; tell whether all were finished.
 
     Ctrl-C, or a termination signal, stops after the chunk in hand: every training is
-    checkpointed, and the answer is False. Raises `Refusal` if a job was refused and
-    `RuntimeError` if one broke, once the others are safe.
+    checkpointed, and the answer is False. Raises `Refusal` if a job was refused or its process
+    died, and `RuntimeError` if one broke, once the others are safe.
     """
     cores = sorted(_cores())
     context = mp.get_context("spawn")
@@ -68,20 +69,24 @@ def run(jobs: Sequence[Job], listen: Callable[[News], None]) -> bool:
         for core in cores[: len(jobs)]
     ]
     endings: list[News] = []
-    with _stop_signals(stop):
-        for worker in workers:
-            waiting.put(None)
-            worker.start()
-        while any(worker.is_alive() for worker in workers) or not told.empty():
-            with suppress(queue.Empty):
-                news = told.get(timeout=0.2)
-                if news.ended:
-                    endings.append(news)
-                    if news.ended not in ("done", "stopped"):
-                        stop.set()
-                listen(news)
-    for worker in workers:
-        worker.join()
+    try:
+        with _signals() as asked:
+            for worker in workers:
+                waiting.put(None)
+                _start(worker)
+            while any(worker.is_alive() for worker in workers) or not told.empty():
+                if asked:
+                    stop.set()
+                with suppress(queue.Empty):
+                    news = told.get(timeout=0.2)
+                    if news.ended:
+                        endings.append(news)
+                        if news.ended not in ("done", "stopped"):
+                            stop.set()
+                    listen(news)
+    finally:  # no worker outlives a listener that failed, and no unread job holds up the exit
+        stop.set()
+        waiting.cancel_join_thread()
     for news in endings:
         if news.refused:
             raise Refusal(news.ended)
@@ -89,14 +94,13 @@ def run(jobs: Sequence[Job], listen: Callable[[News], None]) -> bool:
             raise RuntimeError(f"training {news.job.name} broke: {news.ended}")
     killed = [worker.exitcode for worker in workers if worker.exitcode]
     if killed:
-        raise RuntimeError(f"a training process died (exit code {killed[0]}); --resume continues")
+        raise Refusal(
+            f"a training died (exit code {killed[0]}), out of memory perhaps; try --resume"
+        )
     return sum(news.ended == "done" for news in endings) == len(jobs)
 
 
 def _work(core: int, waiting: Any, told: Any, stop: Event) -> None:
-    # The parent answers for signals: a worker that dies at Ctrl-C loses its chunk.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     parent = os.getppid()
     _pin(core)  # before jax is imported: its threads then do not fight over the cores
     while (job := waiting.get()) is not None and not stop.is_set():
@@ -107,6 +111,8 @@ def _work(core: int, waiting: Any, told: Any, stop: Event) -> None:
             told.put(News(job, ended=str(refusal), refused=True))
         except Exception as problem:
             told.put(News(job, ended=f"{type(problem).__name__}: {problem}"))
+    if os.getppid() != parent:
+        told.cancel_join_thread()  # nobody reads it any more
 
 
 def _train(job: Job, told: Any, stopped: Callable[[], bool]) -> bool:
@@ -129,18 +135,30 @@ def _train(job: Job, told: Any, stopped: Callable[[], bool]) -> bool:
 
 
 @contextmanager
-def _stop_signals(stop: Event) -> Iterator[None]:
-    def ask(*_: object) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt  # asked twice: at once, then
-        stop.set()
+def _signals() -> Iterator[list[int]]:
+    """The signals to stop that have come; a second one stops at once."""
+    asked: list[int] = []
+
+    def ask(number: int, _: object) -> None:
+        if asked:
+            os._exit(130)
+        asked.append(number)
 
     before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _start(worker: BaseProcess) -> None:
+    # A worker inherits the mask: Ctrl-C, which the terminal sends to all, is the parent's to hear.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    try:
+        worker.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _cores() -> set[int]:

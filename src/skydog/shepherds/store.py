@@ -101,15 +101,17 @@ def _actor(path: Path, skill: str, arrays: dict[str, np.ndarray]) -> Actor:
     depth = sum(name.startswith(f"{skill}.") and name.endswith(".weight") for name in arrays)
     nodes = [len(OBSERVES)]
     weights: list[Array] = []
-    for layer in range(min(depth, DEEPEST)):
+    if not 1 <= depth <= DEEPEST:
+        raise Refusal(f"{path} is damaged: {skill} has {depth} layers")
+    for layer in range(depth):
         weight = arrays.get(f"{skill}.{layer}.weight", np.zeros(0))
         bias = arrays.get(f"{skill}.{layer}.bias", np.zeros(0))
         fits = weight.shape == (bias.size, nodes[-1]) and bias.shape == weight.shape[:1]
-        if not fits or bias.size > WIDEST or not weight.dtype == bias.dtype == np.float32:
+        if not fits or not 1 <= bias.size <= WIDEST or not weight.dtype == bias.dtype == np.float32:
             raise Refusal(f"{path} is damaged: layer {layer} of {skill} has shape {weight.shape}")
         nodes.append(bias.size)
         weights += [jnp.asarray(weight), jnp.asarray(bias)]
-    if not weights or nodes[-1] != len(COMMANDS):
+    if nodes[-1] != len(COMMANDS):
         raise Refusal(f"{path} is damaged: {skill} is not a network of {len(COMMANDS)} commands")
     blank = Actor(nodes[0], nodes[-1], tuple(nodes[1:-1]), jax.random.key(0))
     return jax.tree.unflatten(jax.tree.structure(blank), weights)

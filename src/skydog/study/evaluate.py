@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Array, Key, PRNGKeyArray
 
 from skydog.study import metrics, statistics
 from skydog.world import mission
@@ -55,7 +55,7 @@ def _measure(traces: Trace) -> dict[str, Any]:
 
 @eqx.filter_jit
 def _fly(
-    world: World, shepherd: Shepherd, cases: State, steps: int, keys: PRNGKeyArray | None
+    world: World, shepherd: Shepherd, cases: State, steps: int, keys: Key[Array, " cases"] | None
 ) -> Trace:
     def one(case: State, key: PRNGKeyArray | None) -> Trace:
         return mission.rollout(world, shepherd, case, steps, key)

@@ -5,7 +5,10 @@ from typing import Any
 PAPER = "Nguyen et al. 2020, arXiv 2004.11543"
 
 
-def _row(steps: tuple[float, float], distance: tuple[float, float], success: float) -> Any:
+Printed = tuple[float | int, float | int]  # mean and SD
+
+
+def _row(steps: Printed, distance: Printed, success: float | int) -> Any:
     return {
         "success": success / 100.0,
         "steps": {"mean": steps[0], "sd": steps[1]},
