@@ -111,6 +111,12 @@ def mixed(old, new, share):
 class Reference:
     """Algorithm 1's update in float64, its gradients by hand."""
 
+    actor: list
+    critic: list
+    target_actor: list
+    target_critic: list
+    skill: list
+
     def __init__(self, agent, config):
         self.config, self.n = config, 0
         for name in ("actor", "critic", "target_actor", "target_critic", "skill"):
@@ -185,7 +191,7 @@ def test_the_first_skill_is_the_actor_and_later_ones_lag_behind_it():
 # Ends
 
 
-def what_the_critic_is_taught(terminated: float) -> float:
+def what_the_critic_is_taught(terminated: float) -> tuple[float, float]:
     """The value to which many updates bring the critic, for reward 1 and a constant next value."""
     config = replace(SMALL, follow=0.0, critic_rate=0.01, actor_rate=0.0)
     agent = ddpg.init(jax.random.key(3), 1, 1, config)

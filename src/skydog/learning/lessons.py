@@ -41,7 +41,7 @@ class Episode(eqx.Module):
     state: State
     offset: Float[Array, ""]  # where this episode's subgoals lie, in shares of the world's
     step: Int[Array, ""]
-    arrived: Bool[Array, ""]  # whether the dog has been at its subgoal
+    arrived: Bool[Array, ""]  # whether the dog has been where the reward takes it
 
 
 class Outcome(eqx.Module):

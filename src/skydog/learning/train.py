@@ -226,23 +226,21 @@ def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, 
                 f"{path} is of a training with {name} {found.get(name)!r}, not {wanted!r}; "
                 "resume with the same options, or choose another --out"
             )
+    missing = np.zeros((0, 0))
     history = {
-        name: arrays.pop(f"history.{name}", None) for name in ("reward", "length", "success")
+        name: arrays.pop(f"history.{name}", missing) for name in ("reward", "length", "success")
     }
     expected = _named(like)
     shapes = {name: (leaf.shape, leaf.dtype) for name, leaf in expected.items()}
     if {name: (leaf.shape, leaf.dtype) for name, leaf in arrays.items()} != shapes:
         raise Refusal(f"{path} does not fit this version of skydog; train again")
-    episodes = np.shape(history["reward"])
-    kinds = dict(zip(history, ("float32", "int32", "bool"), strict=True))
-    if len(episodes) != 1 or any(
-        values is None or values.shape != episodes or values.dtype != kinds[name]
-        for name, values in history.items()
-    ):
+    kinds = [(values.ndim, len(values), str(values.dtype)) for values in history.values()]
+    episodes = len(history["reward"])
+    if kinds != [(1, episodes, kind) for kind in ("float32", "int32", "bool")]:
         raise Refusal(f"{path} is damaged: its history is no list of episodes; train again")
     leaves = [jnp.asarray(arrays[name]) for name in expected]
     training = jax.tree.unflatten(jax.tree.structure(like), leaves)
-    return training, History(**history)  # pyright: ignore[reportArgumentType]
+    return training, History(**history)
 
 
 def _blank(task: Task) -> Transition:
