@@ -151,7 +151,7 @@ def test_what_is_no_trace_is_not_replayed(refused, a_sheepdog):
 
 
 def test_a_replay_of_nothing_is_refused(refused):
-    assert "TRACE" in refused("replay")
+    assert "needs a trace" in refused("replay")
 
 
 @pytest.mark.parametrize("name", ["x.xyz", "x", "x.mp4"])

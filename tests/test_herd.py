@@ -140,7 +140,7 @@ def interrupted(out: Path, *options: str) -> tuple[int, str]:
     """Start a long training, let it come past its first chunks, press Ctrl-C."""
     command = [*SKYDOG, "train", "--steps", "10000000", "--out", str(out), *options]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    checkpoint = train.checkpoint_in(out / "drive")
+    checkpoint = train.checkpoint_in(out / "collect")
     before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
     try:
         until = time.monotonic() + 120
@@ -158,6 +158,8 @@ def interrupted(out: Path, *options: str) -> tuple[int, str]:
 def steps_done(out: Path) -> list[int]:
     done = []
     for job in COURSE.jobs(out, 0, resume=True):
+        if not train.checkpoint_in(job.folder).exists():
+            continue  # one core: it waits for the other
         task = lessons.Lesson(COURSE.world(), job.skill)
         blank = train.init(task, ddpg.Config(), jax.random.key(0))
         done.append(int(train.load(job.folder, blank, job.card)[0].step))
