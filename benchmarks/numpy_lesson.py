@@ -44,6 +44,7 @@ class NumpyLesson:
         self.least_offset = numbers["lesson.least_offset"]
         self.most_offset = numbers["lesson.most_offset"]
         self.flock_share = numbers["lesson.flock_share"]
+        self.nearer = numbers["lesson.nearer"]
         self.distance_cost = numbers["lesson.distance_cost"]
         self.count = sheep
         self.rng = np.random.default_rng()
@@ -138,10 +139,10 @@ class NumpyLesson:
         centre = sum(self.sheep) / self.count
         from_goal = centre - self.goal
         from_centre = self.dog - centre
-        point = self._in_airspace(centre + self.behind * unit(from_goal))
-        from_point = self.dog - point
+        behind = self.behind * unit(from_goal)
+        from_point = self.dog - self._in_airspace(centre + behind)
         self.far = abs(from_goal)
-        self.distance = abs(from_point)
+        self.distance = abs(self.dog - self._in_airspace(centre + self.nearer * behind))
         return np.array(
             (from_centre.real, from_centre.imag, from_point.real, from_point.imag), np.float32
         )

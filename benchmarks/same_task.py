@@ -50,6 +50,7 @@ def numbers(task: Lesson) -> dict[str, float]:
         "lesson.least_offset": least,
         "lesson.most_offset": most,
         "lesson.flock_share": lessons.FLOCK_SHARE,
+        "lesson.nearer": lessons.NEARER,
         "lesson.distance_cost": lessons.DISTANCE_COST,
     }
 
