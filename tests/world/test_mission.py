@@ -11,6 +11,7 @@ from drawn import commands, numbers, open_scenes, scenes
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from skydog.errors import Refusal
 from skydog.shepherds.strombom import Strombom
 from skydog.world import herding, mission
 from skydog.world.mission import State
@@ -505,3 +506,10 @@ def test_perception_noise_has_the_spread_asked_for_and_leaves_the_force():
     np.testing.assert_allclose(np.std(np.asarray(seen.sheep), axis=0), 0.3, rtol=0.06)
     np.testing.assert_allclose(np.std(np.asarray(seen.dogs), axis=0), 0.3, rtol=0.06)
     assert np.all(np.asarray(seen.force) == np.asarray(state.force))
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_a_start_at_no_position_is_refused_by_its_number_and_value(bad):
+    sheep = jnp.array([[1.0, 1.0], [2.0, bad]])
+    with pytest.raises(Refusal, match=rf"position 1 of the sheep is \[2.0, {bad}\].*metres"):
+        mission.start(sheep, jnp.zeros((1, 2)))

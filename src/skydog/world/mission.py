@@ -1,12 +1,15 @@
 """A mission: state, start, one step, its end, and a whole rollout as a trace (Eqs 10 to 13)."""
 
+import math
 from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skydog.errors import Refusal
 from skydog.world import flock, herding
 from skydog.world.params import Dog, World
 from skydog.world.vectors import limit, norm, unit
@@ -45,7 +48,18 @@ class Trace(eqx.Module):
 
 
 def start(sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]) -> State:
-    """The state in which nobody has moved yet."""
+    """The state in which nobody has moved yet. Positions in metres.
+
+    Raises `Refusal` for a position that is not finite, unless it is being traced.
+    """
+    for who, positions in (("sheep", sheep), ("dogs", dogs)):
+        if isinstance(positions, Tracer):
+            continue
+        for number, position in enumerate(positions.tolist()):
+            if not all(map(math.isfinite, position)):
+                raise Refusal(
+                    f"position {number} of the {who} is {position}; give finite numbers in metres"
+                )
     return State(sheep=sheep, dogs=dogs, force=jnp.zeros_like(sheep))
 
 
