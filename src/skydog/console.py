@@ -82,8 +82,9 @@ def tensorboard(folder: Path) -> Callable[[News], None]:
         if news.progress is None:
             return
         name = news.job.name
-        writer = writers.setdefault(name, None) or SummaryWriter(str(folder / name))
-        writers[name] = writer
+        if name not in writers:
+            writers[name] = SummaryWriter(str(folder / name))
+        writer = writers[name]
         writer.add_scalar("reward per action", news.progress.reward_per_action, news.progress.step)
         writer.add_scalar("success", news.progress.success, news.progress.step)
         writer.flush()

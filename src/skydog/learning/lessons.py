@@ -57,9 +57,10 @@ class Lesson(eqx.Module):
     """A training task for one dog: fly to the collecting or to the driving point.
 
     `paper` is the paper's lesson: ±0.1 for getting nearer or not, ended by arrival. It can
-    be gamed by never arriving. `progress`, the default, pays the metres gained on the
-    subgoal and by the flock, and goes on after arrival. The subgoal is the mission's own: kept
-    within the airspace, behind whichever sheep is the stray at the time.
+    be gamed by never arriving. `progress`, the default, pays the metres gained on a
+    point a little nearer than the subgoal, and by the flock, and goes on after arrival. The
+    subgoal is the mission's own: kept within the airspace, behind whichever sheep is the stray
+    at the time.
     """
 
     world: World
