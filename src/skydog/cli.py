@@ -12,7 +12,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from skydog.errors import Refusal
-from skydog.words import AtPoint, Reward, Starts
+from skydog.words import AtPoint, Learner, Reward, Starts
 
 STOPPED = 130  # what a shell says of a command that Ctrl-C ended
 
@@ -26,7 +26,7 @@ app = tyro.extras.SubcommandApp()
 def herd(
     out: Out = Path("runs/herd"),
     seed: int = 0,
-    steps: int = 100_000,
+    steps: int = 150_000,
     arena: Annotated[float, arg(metavar="METRES")] = 4.0,
     reward: Reward = "progress",
     cases: int = 30,
@@ -66,10 +66,11 @@ def train(
     out: Out = Path("runs/train"),
     seed: int = 0,
     seeds: int = 1,
-    steps: int = 100_000,
+    steps: int = 150_000,
     preset: Preset = "paper",
     arena: Annotated[float | None, arg(metavar="METRES")] = None,
     sheep: int = 3,
+    learner: Learner = "ddpg",
     reward: Reward = "progress",
     resume: bool = False,
     tensorboard: bool = False,
@@ -91,6 +92,7 @@ def train(
         preset: The world of the lessons; see skydog presets.
         arena: Side of the arena in metres; the preset's own if not given.
         sheep: Sheep in the flock.
+        learner: `ddpg` makes the paper's H-DDPG; `dqn` its predecessor DHRL, of four actions.
         reward: How a lesson pays; `paper` is the paper's ±0.1.
         resume: Continue an interrupted run, bit for bit.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
@@ -98,7 +100,7 @@ def train(
     """
     from skydog import herd as job
 
-    course = job.Course(preset, arena, sheep, reward, steps)
+    course = job.Course(preset, arena, sheep, reward, steps, learner)
     results = job.train(out, course, seed, seeds, resume, tensorboard, _command())
     if results is None:
         return STOPPED
@@ -145,6 +147,46 @@ def test(
     world = job.params.preset(preset, arena, sheep)
     results = job.test(shepherd, world, cases, starts, seed, sheep, dogs, at_point, out)
     _show(results, as_json, as_paper=(preset, starts, dogs) == ("paper", "paper", 1))
+    return 0
+
+
+@app.command
+def reproduce(
+    out: Out = Path("runs/reproduce"),
+    seeds: int = 8,
+    episodes: int = 3_000,
+    from_zoo: bool = False,
+    as_json: Annotated[bool, arg(name="json")] = False,
+) -> int:
+    """Regenerate the paper's simulation study beside its own numbers.
+
+    Trains every sheepdog of the study, flies the paper's eight scenarios and more, and writes
+    report.html and results.json with every table, figure and claim, and a verdict on each.
+    Stopped by Ctrl-C, it continues where it was when it is called again.
+
+    Example: skydog reproduce --from-zoo
+
+    Args:
+        out: The run folder.
+        seeds: Sheepdogs of each kind.
+        episodes: Of each skill's lessons; the paper has 3000.
+        from_zoo: Train nothing; fly the sheepdogs that ship.
+        as_json: Print the results as JSON instead of a table.
+    """
+    from skydog import reproduce as job
+    from skydog.study import reproduction
+
+    results = job.reproduce(out, job.Plan(seeds, episodes), from_zoo, _command())
+    if results is None:
+        return STOPPED
+    if as_json:
+        print(json.dumps(results, indent=2))
+    else:
+        from rich.console import Console
+
+        from skydog.study import report
+
+        Console().print(report.table(reproduction.rows(results)))
     return 0
 
 

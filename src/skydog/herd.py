@@ -1,28 +1,21 @@
 """The main job: teach two skills, fuse them into a sheepdog, fly it, and show the result."""
 
 import json
-import platform
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
-from skydog import console, files
+from skydog import console, files, teaching
 from skydog.errors import Refusal
-from skydog.learning import ddpg, lessons, workers
-from skydog.learning.train import History, checkpoint_in, init, load
-from skydog.learning.workers import Job
+from skydog.learning.course import Course
 from skydog.shepherds import store
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.study import evaluate, paper, report, traces
 from skydog.study.cases import cases
 from skydog.view import figures, replay
-from skydog.words import AtPoint, Reward, Skill, Starts
+from skydog.words import AtPoint, Starts
 from skydog.world import params
 from skydog.world.mission import Shepherd, State, Trace
 from skydog.world.params import World
@@ -30,104 +23,7 @@ from skydog.world.params import World
 Results = dict[str, Any]
 """Rows of figures, as `evaluate.row` makes them, by the name of their scenario."""
 
-SKILLS: tuple[Skill, ...] = ("collect", "drive")
 SHOWN_CASE = 15  # the paper shows the trajectories of its 15th case
-
-
-@dataclass(frozen=True)
-class Course:
-    """What a sheepdog is taught, and where."""
-
-    preset: str = "paper"
-    arena: float | None = None
-    sheep: int = 3
-    reward: Reward = "progress"
-    steps: int = 100_000
-
-    def world(self) -> World:
-        """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
-        if self.steps < 1:
-            raise Refusal(
-                f"a skill is taught for at least 1 step, got {self.steps}; try --steps 100000"
-            )
-        return params.preset(self.preset, self.arena, self.sheep)
-
-    def jobs(self, folder: Path, seed: int, resume: bool) -> list[Job]:
-        """The two trainings of one sheepdog."""
-        return [
-            Job(
-                preset=self.preset,
-                arena=float(self.world().arena.size),
-                sheep=self.sheep,
-                skill=skill,
-                reward=self.reward,
-                seed=seed,
-                steps=self.steps,
-                folder=folder / skill,
-                resume=resume,
-            )
-            for skill in SKILLS
-        ]
-
-
-def teach(
-    course: Course,
-    folders: dict[int, Path],
-    resume: bool,
-    write: Callable[[workers.News], None] | None = None,
-) -> bool:
-    """Train a sheepdog a seed, each in its folder; tell whether all of them were finished.
-
-    `write` hears all news too.
-    """
-    jobs = [job for seed, folder in folders.items() for job in course.jobs(folder, seed, resume)]
-    for job in jobs:
-        files.folder(job.folder)
-    with console.TrainingBars(jobs) as bars:
-
-        def listen(news: workers.News) -> None:
-            bars.listen(news)
-            if write:
-                write(news)
-
-        return workers.run(jobs, listen)
-
-
-def fuse(course: Course, folder: Path, seed: int) -> tuple[Sheepdog, dict[Skill, History]]:
-    """The sheepdog that the two trainings in a folder amount to, and their histories."""
-    world, skills, histories = course.world(), {}, {}
-    for job in course.jobs(folder, seed, resume=True):
-        lesson = lessons.Lesson(world, job.skill, job.reward, job.sheep)
-        blank = init(lesson, ddpg.Config(), jax.random.key(0))
-        training, histories[job.skill] = load(job.folder, blank, job.card)
-        skills[job.skill] = training.agent.skill
-    return Sheepdog(skills["collect"], skills["drive"], float(world.arena.size)), histories
-
-
-def card(course: Course, seed: int, command: str, results: Results) -> dict[str, Any]:
-    """Where a sheepdog comes from, and how good it is."""
-    world = course.world()
-    return {
-        "learner": "H-DDPG: a DDPG a skill",
-        "preset": course.preset,
-        "sheep": course.sheep,
-        "speed_limit": f"{world.dog.speed:g} m/s" + " on each axis" * world.dog.per_axis,
-        "reward": course.reward,
-        "seed": seed,
-        "steps_a_skill": course.steps,
-        "command": command,
-        "config": asdict(ddpg.Config()),
-        "world": params.flatten(world),
-        "results": {
-            f"{name} {figure}": value if isinstance(value, int | float) else value["mean"]
-            for name, row in results.items()
-            for figure, value in row.items()
-        },
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("skydog", "jax", "equinox", "optax")},
-        },
-    }
 
 
 def scenario(shepherd: Shepherd, world: World) -> str:
@@ -136,9 +32,11 @@ def scenario(shepherd: Shepherd, world: World) -> str:
     flown = f"{world.arena.size:g}x{world.arena.size:g}"
     if isinstance(shepherd, Strombom):
         return f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"
-    if isinstance(shepherd, Sheepdog) and shepherd.arena != world.arena.size:
-        return f"H-DDPG-{shepherd.arena:g}x{shepherd.arena:g}to{flown}"
-    return f"H-DDPG-{flown}"
+    if not isinstance(shepherd, Sheepdog):
+        return f"{type(shepherd).__name__}-{flown}"
+    home = f"{shepherd.arena:g}x{shepherd.arena:g}"
+    learnt = "" if shepherd.arena == world.arena.size else f"{home}to"
+    return f"{'H-DDPG' if shepherd.drive.stretches else 'DHRL'}-{learnt}{flown}"
 
 
 NOTES = [
@@ -163,12 +61,12 @@ def herd(
     starts = cases(world, count, "paper", sheep=course.sheep)
     # A finished run is replaced, as by any other make; one that was interrupted is work to lose.
     if not resume and not (out / "results.json").exists():
-        _refuse_to_overwrite([out])
+        teaching.refuse_to_overwrite([out])
     out = files.folder(out)
     console.say(f"Teaching collect and drive from nothing, {course.steps:,} steps each:")
-    if not teach(course, {seed: out}, resume):
-        return stopped(command)
-    sheepdog, histories = fuse(course, out, seed)
+    if not teaching.teach(teaching.jobs(course, out, seed, resume)):
+        return teaching.stopped(command)
+    sheepdog, histories = teaching.fuse(course, out, seed)
 
     console.say(f"Flying {count} cases with each shepherd ...")
     shepherds = (sheepdog, Strombom(), Strombom(at_point="arrive"))
@@ -177,15 +75,18 @@ def herd(
     }
     results = {name: evaluate.row(trace) for name, trace in flown.items()}
     ours = next(iter(results))
-    store.save(out / store.FILE, sheepdog, card(course, seed, command, {ours: results[ours]}))
+    store.save(
+        out / store.FILE, sheepdog, teaching.card(course, seed, command, {ours: results[ours]})
+    )
     write_results(out, results)
     files.write_text(out / "results.md", report.markdown(rows(results)))
 
     console.say("Drawing the figures and the report ...")
-    shown = {name: one_case(trace, min(SHOWN_CASE, count) - 1) for name, trace in flown.items()}
+    shown_case = min(SHOWN_CASE, count)
+    shown = {name: evaluate.one_case(trace, shown_case - 1) for name, trace in flown.items()}
     for name, trace in shown.items():
         traces.save(out / "traces" / f"{name}.safetensors", trace, name)
-    curves = figures.learning_curves({skill: [curve(h)] for skill, h in histories.items()})
+    curves = figures.learning_curves({skill: [h.curve()] for skill, h in histories.items()})
     paths = figures.trajectories(shown)
     figures.save(curves, out / "learning_curves")
     figures.save(paths, out / "trajectories")
@@ -193,7 +94,7 @@ def herd(
         rows=rows(results),
         figures={
             "Learning curves: reward per action in every 10 episodes": figures.svg(curves),
-            f"Case {min(SHOWN_CASE, count)}, flown by each shepherd": figures.svg(paths),
+            f"Case {shown_case}, flown by each shepherd": figures.svg(paths),
         },
         player=replay.player(shown),
         command=command,
@@ -224,19 +125,24 @@ def train(
     seeds = range(seed, seed + count)
     folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
     if not resume:
-        _refuse_to_overwrite(folders.values())
+        teaching.refuse_to_overwrite(folders.values())
     write = console.tensorboard(out / "tensorboard") if tensorboard else None
     out = files.folder(out)
     console.say(f"Teaching {count} x 2 skills, {course.steps:,} steps each:")
-    if not teach(course, folders, resume, write):
-        return stopped(command)
+    todo = [
+        job
+        for seed, folder in folders.items()
+        for job in teaching.jobs(course, folder, seed, resume)
+    ]
+    if not teaching.teach(todo, write):
+        return teaching.stopped(command)
     results = {}
     for seed, folder in folders.items():
-        sheepdog, _ = fuse(course, folder, seed)
+        sheepdog, _ = teaching.fuse(course, folder, seed)
         starts = "paper" if course.sheep == 3 else "random"
         row = evaluate.row(fly(world, sheepdog, cases(world, 30, starts, sheep=course.sheep), 0))
         name = scenario(sheepdog, world)
-        store.save(folder / store.FILE, sheepdog, card(course, seed, command, {name: row}))
+        store.save(folder / store.FILE, sheepdog, teaching.card(course, seed, command, {name: row}))
         results[f"{name}, seed {seed}" if count > 1 else name] = row
     write_results(out, results)
     console.say(f"Everything is in {out}.")
@@ -269,7 +175,7 @@ def test(
         write_results(out, results)
         for case in range(count):
             path = out / "traces" / f"{name}-{case + 1}.safetensors"
-            traces.save(path, one_case(flown, case), name)
+            traces.save(path, evaluate.one_case(flown, case), name)
     return results
 
 
@@ -288,26 +194,3 @@ def rows(results: Results, as_paper: bool = True) -> list[report.Row]:
 def write_results(out: Path, results: Results) -> None:
     """Write `results.json`."""
     files.write_text(out / "results.json", json.dumps(files.plain(results), indent=2) + "\n")
-
-
-def one_case(flown: Trace, case: int) -> Trace:
-    """One mission out of those flown together."""
-    return jax.tree.map(lambda leaf: leaf[case], flown)
-
-
-def curve(history: History) -> tuple[np.ndarray, np.ndarray]:
-    """Episodes, and the reward per action in the 10 up to each."""
-    every_ten = history.rows()
-    return np.array([row[0] for row in every_ten]), np.array([row[1] for row in every_ten])
-
-
-def stopped(command: str) -> None:
-    """Say that nothing is lost."""
-    resuming = command if "--resume" in command else f"{command} --resume"
-    console.say(f"Stopped. What was learnt is kept; continue with: {resuming}")
-
-
-def _refuse_to_overwrite(folders: Iterable[Path]) -> None:
-    for folder in folders:
-        if any(checkpoint_in(folder / skill).exists() for skill in SKILLS):
-            raise Refusal(f"{folder} holds a training; add --resume, or choose another --out")

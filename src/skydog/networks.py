@@ -1,9 +1,11 @@
 """The networks: of skills, and of the learners that teach them. Pytrees of arrays alone."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 
 class Layers(eqx.Module):
@@ -34,12 +36,38 @@ class Actor(eqx.Module):
     """The policy τ: what to do. Actions in [-1, 1], squashed by tanh (paper, Section 4.1.3)."""
 
     layers: Layers
+    stretches: ClassVar[bool] = True  # its actions have any length, so that 1/ξ can scale them
 
     def __init__(self, observation: int, action: int, hidden: tuple[int, ...], key: PRNGKeyArray):
         self.layers = Layers((observation, *hidden, action), key)
 
     def __call__(self, observation: Float[Array, "*batch seen"]) -> Float[Array, "*batch action"]:
         return jnp.tanh(self.layers(observation))
+
+
+class Chooser(eqx.Module):
+    """The policy of DQN: of two actions on each axis, -1 and 1, the one of the highest value."""
+
+    layers: Layers
+    stretches: ClassVar[bool] = False  # its actions have one length
+
+    def __init__(self, observation: int, action: int, hidden: tuple[int, ...], key: PRNGKeyArray):
+        self.layers = Layers((observation, *hidden, 2 * action), key)
+
+    def __call__(self, observation: Float[Array, "*batch seen"]) -> Float[Array, "*batch action"]:
+        return self.best(self.values(observation))
+
+    def values(self, observation: Float[Array, "*batch seen"]) -> Float[Array, "*batch actions"]:
+        """The value Q of each action: back and forth along each axis in turn."""
+        return self.layers(observation)
+
+    def best(self, values: Float[Array, "*batch actions"]) -> Float[Array, "*batch action"]:
+        """The action of the highest value."""
+        return _steps(values.shape[-1])[jnp.argmax(values, axis=-1)]
+
+    def which(self, action: Float[Array, "*batch action"]) -> Bool[Array, "*batch actions"]:
+        """Which of the actions an action is."""
+        return jnp.all(action[..., None, :] == _steps(2 * action.shape[-1]), axis=-1)
 
 
 class Critic(eqx.Module):
@@ -54,6 +82,11 @@ class Critic(eqx.Module):
         self, observation: Float[Array, "*batch seen"], action: Float[Array, "*batch action"]
     ) -> Float[Array, "*batch"]:
         return self.layers(jnp.concatenate([observation, action], axis=-1))[..., 0]
+
+
+def _steps(actions: int) -> Float[Array, "actions action"]:
+    axes = jnp.eye(actions // 2)
+    return jnp.stack([-axes, axes], axis=1).reshape(actions, actions // 2)
 
 
 def _through(linear: eqx.nn.Linear, x: Array) -> Array:

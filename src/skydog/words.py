@@ -5,6 +5,9 @@ from typing import Literal
 Skill = Literal["collect", "drive"]
 """The two lessons, and what each teaches."""
 
+Learner = Literal["ddpg", "dqn"]
+"""What teaches a skill: a module of `skydog.learning`. A sheepdog that DQN taught is DHRL."""
+
 Reward = Literal["progress", "paper"]
 """How a lesson pays: see `skydog.learning.lessons.Lesson`."""
 
@@ -13,3 +16,6 @@ Starts = Literal["paper", "random"]
 
 AtPoint = Literal["constant", "arrive"]
 """What the rule dog does at its point: see `skydog.shepherds.strombom.Strombom`."""
+
+CaseSet = Literal["paper", "hard"]
+"""The fixed cases that ship: see `skydog.study.cases.shipped`."""

@@ -1,7 +1,6 @@
 """DDPG (paper, Algorithm 1; Lillicrap et al. 2015), in one file that knows nothing of sheep."""
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -11,9 +10,8 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.learning.noise import ornstein_uhlenbeck
 from skydog.learning.replay import Transition
+from skydog.learning.weights import adam, towards
 from skydog.networks import Actor, Critic
-
-Tree = TypeVar("Tree")
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class Config:
 class Chance(eqx.Module):
     """The randomness of one step: what the noise is kicked by, and which memories are drawn."""
 
-    kick: Float[Array, "*batch action"]
+    kick: Float[Array, "*batch action"]  # standard normal
     picks: Float[Array, "*batch transitions"]
 
 
@@ -81,8 +79,8 @@ def init(key: PRNGKeyArray, observation: int, action: int, config: Config) -> DD
         target_critic=jax.tree.map(jnp.copy, critic),
         skill=jax.tree.map(jnp.copy, actor),
         updates=jnp.asarray(0),
-        actor_adam=_adam(config.actor_rate).init(actor),
-        critic_adam=_adam(config.critic_rate).init(critic),
+        actor_adam=adam(config.actor_rate).init(actor),
+        critic_adam=adam(config.critic_rate).init(critic),
         noise=jnp.zeros(action),
     )
 
@@ -97,10 +95,10 @@ def chance(key: PRNGKeyArray, action: int, config: Config) -> Chance:
 
 
 def explore(
-    agent: DDPG, observation: Float[Array, " seen"], config: Config, kick: Float[Array, " action"]
+    agent: DDPG, observation: Float[Array, " seen"], config: Config, chance: Chance
 ) -> tuple[DDPG, Float[Array, " action"]]:
-    """The actor's action with noise added, within [-1, 1]; `kick` is standard normal."""
-    noise = ornstein_uhlenbeck(agent.noise, config.theta, config.sigma, kick)
+    """The actor's action with noise added, within [-1, 1]."""
+    noise = ornstein_uhlenbeck(agent.noise, config.theta, config.sigma, chance.kick)
     action = jnp.clip(agent.actor(observation) + noise, -1.0, 1.0)
     return eqx.tree_at(lambda a: a.noise, agent, noise), action
 
@@ -120,7 +118,7 @@ def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
         return jnp.mean((critic(batch.observation, batch.action) - target) ** 2)
 
     slope = jax.grad(critic_loss)(agent.critic)
-    change, critic_adam = _adam(config.critic_rate).update(slope, agent.critic_adam)
+    change, critic_adam = adam(config.critic_rate).update(slope, agent.critic_adam)
     critic = eqx.apply_updates(agent.critic, change)
 
     # The paper prints the actor's step with a minus sign; it has to climb.
@@ -128,7 +126,7 @@ def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
         return -jnp.mean(critic(batch.observation, actor(batch.observation)))
 
     slope = jax.grad(actor_loss)(agent.actor)
-    change, actor_adam = _adam(config.actor_rate).update(slope, agent.actor_adam)
+    change, actor_adam = adam(config.actor_rate).update(slope, agent.actor_adam)
     actor = eqx.apply_updates(agent.actor, change)
 
     # The latest actor wanders about the policy that it converges to; its average far less.
@@ -136,19 +134,11 @@ def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
     return DDPG(
         actor=actor,
         critic=critic,
-        skill=_towards(agent.skill, actor, share),
+        skill=towards(agent.skill, actor, share),
         updates=agent.updates + 1,
-        target_actor=_towards(agent.target_actor, actor, config.follow),
-        target_critic=_towards(agent.target_critic, critic, config.follow),
+        target_actor=towards(agent.target_actor, actor, config.follow),
+        target_critic=towards(agent.target_critic, critic, config.follow),
         actor_adam=actor_adam,
         critic_adam=critic_adam,
         noise=agent.noise,
     )
-
-
-def _towards(old: Tree, new: Tree, share: float | Float[Array, ""]) -> Tree:
-    return jax.tree.map(lambda was, now: was + share * (now - was), old, new)
-
-
-def _adam(rate: float) -> Any:  # optax's own types know nothing of modules
-    return optax.adam(rate)

@@ -1,5 +1,6 @@
 """The two lessons, collect and drive: start, observe, reward, end (paper, Section 3.2)."""
 
+import math
 from typing import ClassVar
 
 import equinox as eqx
@@ -19,27 +20,33 @@ from skydog.world.vectors import norm
 ARRIVAL = 0.34
 # A `progress` lesson goes on so many steps whatever happens: a dog that has arrived has yet
 # to learn to hold a point that moves. The `paper` lesson lasts its 1000 steps at most.
-HORIZON = {"progress": 200, "paper": mission.MAX_STEPS}
-# Each episode draws where its subgoals lie, in shares of the world's own offset. A skill
-# taught at one offset fails under ξ scaling, which shrinks distances and not offsets; one
-# whose draws end at the mission's own offset, 1, is not at its best there.
-OFFSETS = (0.3, 1.2)
+HORIZON = {"progress": 50, "paper": mission.MAX_STEPS}
+# Each episode draws at which scale it is lived: 0.5 is an arena twice as long, which the dog
+# sees and flies in through ξ = 0.5. What does not scale with an arena is the flock in it; a
+# skill that has met it at one size alone misses, through ξ, by centimetres that ξ then
+# magnifies. Uniform in the logarithm; the ends bracket the arenas from 3 to 20 m, for 4 m.
+SCALES = (0.1, 1.4)
+# The dog starts within so many metres of the flock, on each axis, in arenas of any size: about
+# as far as it flies in an episode.
+REACH = 4.8
 # The `progress` reward takes its dog to a point a little nearer to the sheep than the subgoal
 # that it sees. A dog that holds its driving point but for a few centimetres loses touch: the
 # sheep line up across its way, each just out of sight of it, and nobody ever moves again.
 NEARER = 0.9
 # What the `progress` reward adds to the metres gained on the subgoal: so much for each metre
-# that the flock gained, less so much for each metre between dog and subgoal after the step.
-# The first is what makes a sheepdog faster than a rule that merely stands on its point.
+# that the flock gained, less so much for each metre between dog and subgoal, as the dog sees
+# them, after the step, and for each metre flown. The first is what makes a sheepdog faster
+# than a rule that merely stands on its point, the last what keeps it from shivering there.
 FLOCK_SHARE = 4.0
 DISTANCE_COST = 0.1
+FLIGHT_COST = 0.5
 
 
 class Episode(eqx.Module):
     """One attempt at a lesson."""
 
     state: State
-    offset: Float[Array, ""]  # where this episode's subgoals lie, in shares of the world's
+    scale: Float[Array, ""]  # ξ: the lesson's arena, as a share of the one it is lived in
     step: Int[Array, ""]
     arrived: Bool[Array, ""]  # whether the dog has been where the reward takes it
 
@@ -58,56 +65,63 @@ class Lesson(eqx.Module):
 
     `paper` is the paper's lesson: ±0.1 for getting nearer or not, ended by arrival. It can
     be gamed by never arriving. `progress`, the default, pays the metres gained on a
-    point a little nearer than the subgoal, and by the flock, and goes on after arrival. The
-    subgoal is the mission's own: kept within the airspace, behind whichever sheep is the stray
-    at the time.
+    point a little nearer than the subgoal, and by the flock, and goes on after arrival. Each
+    episode is lived at a scale of its own, through ξ (see `SCALES`). The subgoal is the
+    mission's own: kept within the airspace, behind whichever sheep is the stray at the time.
     """
 
     world: World
     skill: Skill = eqx.field(static=True)
     reward: Reward = eqx.field(static=True, default="progress")
     sheep: int = eqx.field(static=True, default=3)
+    # Whether 1/ξ stretches what the dog commands; a step of fixed length it cannot (DHRL).
+    stretches: bool = eqx.field(static=True, default=True)
+    scales: tuple[float, float] = eqx.field(static=True, default=SCALES)
 
     observation: ClassVar[int] = len(sheepdog.OBSERVES)
     action: ClassVar[int] = len(sheepdog.COMMANDS)
 
     def start(self, key: PRNGKeyArray) -> Episode:
-        """A gathered flock somewhere in the arena, and the dog somewhere in the airspace.
+        """A gathered flock somewhere in the arena, and the dog somewhere about it.
 
         To collect, one sheep stands apart (paper, "Skill Decomposition Framework"): 1.2 to 3.2
-        f(N) from the middle of the others, or less where the wall is nearer. The distances are
-        ours.
+        f(N) from the middle of the others, further in a wider arena, or less where the wall is
+        nearer. The distances are ours.
         """
-        for_centre, for_angle, for_radius, for_stray, for_dog, for_offset = jax.random.split(key, 6)
-        size = self.world.arena.size
+        for_centre, for_angle, for_radius, for_stray, for_dog, for_scale = jax.random.split(key, 6)
+        least, most = map(math.log, self.scales)
+        scale = jnp.exp(jax.random.uniform(for_scale, minval=least, maxval=most))
+        world = self._lived_in(scale)
+        size = world.arena.size
         radius = herding.gathered_radius(self.world.flock, self.sheep)
         centre = size * jax.random.uniform(for_centre, (2,), minval=0.15, maxval=0.9)
         share = jnp.sqrt(jax.random.uniform(for_radius, (self.sheep,)))
         if self.skill == "collect":
-            apart = jax.random.uniform(for_stray, minval=1.2, maxval=3.2)
+            apart = jax.random.uniform(for_stray, minval=1.2, maxval=3.2 / scale)
             share = share.at[0].set(apart)
         angle = jax.random.uniform(for_angle, (self.sheep,), maxval=2 * jnp.pi)
         around = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
         sheep = jnp.clip(centre + radius * share[:, None] * around, 0.0, size)
-        dog = size * jax.random.uniform(for_dog, (1, 2), minval=-0.1, maxval=1.1)
+        dog = herding.gcm(sheep) + jax.random.uniform(for_dog, (1, 2), minval=-REACH, maxval=REACH)
         return Episode(
-            state=mission.start(sheep, herding.within_airspace(self.world, dog)),
-            offset=jax.random.uniform(for_offset, minval=OFFSETS[0], maxval=OFFSETS[1]),
+            state=mission.start(sheep, herding.within_airspace(world, dog)),
+            scale=scale,
             step=jnp.asarray(0),
             arrived=jnp.asarray(False),
         )
 
     def observe(self, episode: Episode) -> Float[Array, "4"]:
-        """What the dog sees, as a sheepdog does: `sheepdog.OBSERVES`, in metres."""
+        """What the dog sees, as a sheepdog does: `sheepdog.OBSERVES`, in metres times ξ."""
         state = episode.state
-        return sheepdog.observe(state.sheep, state.dogs, self._subgoal(episode))[0]
+        seen = sheepdog.observe(state.sheep, state.dogs, self._subgoal(episode))[0]
+        return episode.scale * seen
 
     def step(self, episode: Episode, action: Float[Array, "2"]) -> tuple[Episode, Outcome]:
-        """Fly one step; `action` is the velocity in shares of the speed limit."""
-        before = episode.state
-        velocity = self.world.dog.speed * action[None]
-        after = mission.step(self.world, before, velocity)
-        moved = Episode(after, episode.offset, episode.step + 1, episode.arrived)
+        """Fly one step; `action` is the velocity in shares of the speed limit, before 1/ξ."""
+        before, world = episode.state, self._lived_in(episode.scale)
+        flown = sheepdog.stretched(action, episode.scale) if self.stretches else action
+        after = mission.step(world, before, world.dog.speed * flown[None])
+        moved = Episode(after, episode.scale, episode.step + 1, episode.arrived)
 
         aim = 1.0 if self.reward == "paper" else NEARER
         was = norm(before.dogs - self._subgoal(episode, aim))[0]
@@ -118,7 +132,8 @@ class Lesson(eqx.Module):
             terminated = arrived
         else:
             reward = (was - now) + FLOCK_SHARE * self._flock_gain(before, after)
-            reward = reward - DISTANCE_COST * now
+            reward = reward - DISTANCE_COST * episode.scale * now
+            reward = reward - FLIGHT_COST * norm(after.dogs - before.dogs)[0]
             terminated = jnp.asarray(False)
         moved = eqx.tree_at(lambda e: e.arrived, moved, episode.arrived | arrived)
         out_of_time = moved.step >= HORIZON[self.reward]
@@ -137,11 +152,14 @@ class Lesson(eqx.Module):
         state = episode.state
         world = eqx.tree_at(
             lambda w: (w.dog.driving, w.dog.collecting),
-            self.world,
-            replace_fn=lambda offset: offset * episode.offset * aim,
+            self._lived_in(episode.scale),
+            replace_fn=lambda offset: offset * aim,
         )
         if self.skill == "drive":
             point = herding.driving_points(world, state.sheep, state.dogs)
         else:
             point, _ = herding.collecting_points(world, state.sheep, state.dogs)
         return herding.within_airspace(world, point)
+
+    def _lived_in(self, scale: Float[Array, ""]) -> World:
+        return eqx.tree_at(lambda w: w.arena.size, self.world, self.world.arena.size / scale)

@@ -1,9 +1,11 @@
 """The one loop: a task, a learner, compiled chunks; curves, checkpoints, resume."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import equinox as eqx
@@ -14,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog import files
 from skydog.errors import Refusal
-from skydog.learning import ddpg, replay
+from skydog.learning import replay
 from skydog.learning.replay import Replay, Transition
 
 KIND = "checkpoint"
@@ -46,7 +48,7 @@ class Task(Protocol):
 class Training(eqx.Module):
     """The whole state of a training; with the seed, all that its future depends on."""
 
-    agent: ddpg.DDPG
+    agent: Any  # of the learner that the config belongs to
     memory: Replay
     episode: Any
     step: Int[Array, ""]
@@ -85,6 +87,11 @@ class History:
             for row in range(len(reward))
         ]
 
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """Episodes, and the reward per action in the 10 up to each."""
+        every_ten = self.rows()
+        return np.array([row[0] for row in every_ten]), np.array([row[1] for row in every_ten])
+
     def csv(self) -> str:
         """The learning curve as a table for other tools."""
         lines = [f"{episode},{reward:.6g},{success:g}" for episode, reward, success in self.rows()]
@@ -102,11 +109,19 @@ class Progress:
     success: float  # over the last 10 episodes
 
 
-def init(task: Task, config: ddpg.Config, key: PRNGKeyArray) -> Training:
+def learner(config: Any) -> ModuleType:
+    """The learner that a config belongs to: the module it comes from, `ddpg` or like it.
+
+    A learner is a file with `Config`, `init`, `chance`, `explore`, `begin` and `update`.
+    """
+    return sys.modules[type(config).__module__]
+
+
+def init(task: Task, config: Any, key: PRNGKeyArray) -> Training:
     """A training that has not begun."""
     for_agent, for_start = jax.random.split(key)
     return Training(
-        agent=ddpg.init(for_agent, task.observation, task.action, config),
+        agent=learner(config).init(for_agent, task.observation, task.action, config),
         memory=replay.empty(config.memory, _blank(task)),
         episode=task.start(for_start),
         step=jnp.asarray(0),
@@ -117,7 +132,7 @@ def init(task: Task, config: ddpg.Config, key: PRNGKeyArray) -> Training:
 
 @partial(jax.jit, static_argnames=("config", "steps"), donate_argnames="training")
 def advance(
-    task: Any, config: ddpg.Config, training: Training, key: PRNGKeyArray, steps: int
+    task: Any, config: Any, training: Training, key: PRNGKeyArray, steps: int
 ) -> tuple[Training, Ended]:
     """So many steps of Algorithm 1, each with one update, in one compiled loop.
 
@@ -125,14 +140,16 @@ def advance(
     is cut into chunks, it is the same training.
     """
 
-    def draw(step: Int[Array, ""]) -> tuple[ddpg.Chance, PRNGKeyArray]:
-        for_learner, for_start = jax.random.split(jax.random.fold_in(key, step))
-        return ddpg.chance(for_learner, task.action, config), for_start
+    learns = learner(config)
 
-    def one(training: Training, drawn: tuple[ddpg.Chance, PRNGKeyArray]) -> tuple[Training, Ended]:
+    def draw(step: Int[Array, ""]) -> tuple[Any, PRNGKeyArray]:
+        for_learner, for_start = jax.random.split(jax.random.fold_in(key, step))
+        return learns.chance(for_learner, task.action, config), for_start
+
+    def one(training: Training, drawn: tuple[Any, PRNGKeyArray]) -> tuple[Training, Ended]:
         chance, for_start = drawn
         seen = task.observe(training.episode)
-        agent, action = ddpg.explore(training.agent, seen, config, chance.kick)
+        agent, action = learns.explore(training.agent, seen, config, chance)
         episode, outcome = task.step(training.episode, action)
         transition = Transition(
             observation=seen,
@@ -146,14 +163,14 @@ def advance(
         batch = replay.sample(memory, chance.picks, transition)
         agent = jax.lax.cond(
             memory.written >= config.batch,
-            lambda: ddpg.update(agent, batch, config),
+            lambda: learns.update(agent, batch, config),
             lambda: agent,
         )
 
         ended = outcome.terminated | outcome.truncated
         reward, length = training.reward + outcome.reward, training.length + 1
         after = Training(
-            agent=ddpg.begin(agent, ended),
+            agent=learns.begin(agent, ended),
             memory=memory,
             episode=jax.lax.cond(ended, lambda: task.start(for_start), lambda: episode),
             step=training.step + 1,
@@ -169,17 +186,18 @@ def advance(
 
 def train(
     task: Task,
-    config: ddpg.Config,
+    config: Any,
     seed: int,
     steps: int,
     folder: Path | None = None,
     card: dict[str, Any] | None = None,
     resume: bool = False,
     listen: Callable[[Progress], bool] = lambda _: True,
+    episodes: int | None = None,
 ) -> tuple[Training, History]:
-    """Train until `steps` steps are done, or until `listen` answers False; keep everything.
+    """Train until `steps` steps or `episodes` episodes are done, or `listen` answers False.
 
-    `listen` hears a `Progress` after each chunk. With a `folder`, it is kept there:
+    `listen` hears a `Progress` after each chunk. With a `folder`, everything is kept there:
     `checkpoint.safetensors` (networks, optimisers, memory, episode; every 20,000 steps and at
     the end) and `curve.csv`. `card` says what is trained; `resume` continues a checkpoint of
     the same card, bit for bit, and starts anew where there is none. Raises `Refusal` for a
@@ -195,7 +213,7 @@ def train(
     done = int(training.step)
     saved = -1
     more = True
-    while more and done < steps:
+    while more and not over(training, history, steps, episodes):
         training, ended = advance(task, config, training, key, min(CHUNK, steps - done))
         done = int(training.step)
         history = _extend(history, ended)
@@ -206,6 +224,12 @@ def train(
     if folder is not None and saved != done:
         _save(folder, training, history, card)
     return training, history
+
+
+def over(training: Training, history: History, steps: int, episodes: int | None = None) -> bool:
+    """Whether a training has come to its end: to its steps, or before them to its episodes."""
+    learnt_enough = episodes is not None and len(history.reward) >= episodes
+    return int(training.step) >= steps or learnt_enough
 
 
 def checkpoint_in(folder: Path) -> Path:

@@ -13,33 +13,29 @@ from pathlib import Path
 from typing import Any
 
 from skydog.errors import Refusal
-from skydog.words import Reward, Skill
+from skydog.learning.course import Course
+from skydog.words import Skill
 
 
 @dataclass(frozen=True)
 class Job:
     """One skill of one sheepdog, to be trained in a folder of its own."""
 
-    preset: str
-    arena: float
-    sheep: int
+    course: Course
     skill: Skill
-    reward: Reward
     seed: int
-    steps: int
     folder: Path
     resume: bool = False
 
     @property
     def name(self) -> str:
         """What the job is called while it runs."""
-        return f"{self.skill}, seed {self.seed}"
+        return f"{self.course.dog} {self.skill}, seed {self.seed}"
 
     @property
     def card(self) -> dict[str, Any]:
         """What is trained, for the checkpoint."""
-        names = ("preset", "arena", "sheep", "skill", "reward")
-        return {name: getattr(self, name) for name in names}
+        return {**self.course.card(), "skill": self.skill}
 
 
 @dataclass(frozen=True)
@@ -116,22 +112,27 @@ def _work(core: int, waiting: Any, told: Any, stop: Event) -> None:
 
 
 def _train(job: Job, told: Any, stopped: Callable[[], bool]) -> bool:
-    from skydog.learning import ddpg, lessons, train
-    from skydog.world import params
-
-    world = params.preset(job.preset, job.arena, job.sheep)
-    lesson = lessons.Lesson(world, job.skill, job.reward, job.sheep)
+    from skydog.learning import train
 
     def listen(progress: train.Progress) -> bool:
         told.put(News(job, progress=progress))
         return not stopped()
 
+    course = job.course
     # The lessons of one sheepdog are two trainings: they must not draw the same numbers.
     seed = 2 * job.seed + (job.skill == "drive")
-    training, _ = train.train(
-        lesson, ddpg.Config(), seed, job.steps, job.folder, job.card, job.resume, listen
+    training, history = train.train(
+        course.lesson(job.skill),
+        course.config(),
+        seed,
+        course.steps,
+        job.folder,
+        job.card,
+        job.resume,
+        listen,
+        course.episodes,
     )
-    return int(training.step) >= job.steps
+    return train.over(training, history, course.steps, course.episodes)
 
 
 @contextmanager

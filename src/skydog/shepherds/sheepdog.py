@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from skydog.networks import Actor
+from skydog.networks import Actor, Chooser
 from skydog.world import herding
 from skydog.world.mission import State, limited
 from skydog.world.params import World
@@ -28,15 +28,24 @@ def observe(
     return jnp.concatenate([dogs - herding.gcm(sheep), dogs - subgoal], axis=-1)
 
 
-class Sheepdog(eqx.Module):
-    """Flies the skill that the gate chooses: a learnt shepherd, H-DDPG in the paper.
+def stretched(action: Float[Array, "*batch 2"], xi: Scalar) -> Float[Array, "*batch 2"]:
+    """An action through ξ: multiplied by 1/ξ and squashed by tanh (paper, Eq. "scale").
 
-    In an arena other than the one it learnt in, what it sees is multiplied by ξ and what it
-    commands by 1/ξ and squashed by tanh (paper, Eq. "scale").
+    At home, where ξ is 1, it is left as it is.
+    """
+    return jnp.where(xi == 1.0, action, jnp.tanh(action / xi))
+
+
+class Sheepdog(eqx.Module):
+    """Flies the skill that the gate chooses: a learnt shepherd.
+
+    With skills that are `Actor`s it is the paper's H-DDPG, with `Chooser`s its predecessor
+    DHRL. In an arena other than the one it learnt in, what it sees is multiplied by ξ, and what
+    H-DDPG commands is stretched by 1/ξ; DHRL's steps keep their length (paper, "Testing").
     """
 
-    collect: Actor
-    drive: Actor
+    collect: Actor | Chooser
+    drive: Actor | Chooser
     arena: Scalar  # metres: the side of the arena that the skills were learnt in
 
     def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
@@ -45,5 +54,6 @@ class Sheepdog(eqx.Module):
         xi = self.arena / world.arena.size  # the diagonals' ratio, since arenas are square
         seen = xi * observe(state.sheep, state.dogs, subgoal)
         action = jnp.where(drives[:, None], self.drive(seen), self.collect(seen))
-        action = jnp.where(xi == 1.0, action, jnp.tanh(action / xi))
+        if self.drive.stretches:
+            action = stretched(action, xi)
         return limited(world.dog, world.dog.speed * action)

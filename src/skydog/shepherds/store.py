@@ -10,11 +10,13 @@ from jaxtyping import Array
 
 from skydog import files
 from skydog.errors import Refusal
-from skydog.networks import Actor
+from skydog.networks import Actor, Chooser
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 
 KIND = "sheepdog"
+POLICIES = {"actor": Actor, "chooser": Chooser}  # what a card calls the kinds of skills
 FILE = "sheepdog.safetensors"
+ZOO = Path(__file__).parent / "zoo"
 LARGEST = 1 << 26  # bytes
 DEEPEST, WIDEST = 16, 4096  # layers, nodes a layer
 
@@ -30,6 +32,7 @@ def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
         "observes": list(OBSERVES),
         "commands": list(COMMANDS),
         "arena": float(sheepdog.arena),
+        "policy": next(name for name, kind in POLICIES.items() if isinstance(sheepdog.drive, kind)),
         **files.plain(card),
     }
     arrays = {
@@ -43,12 +46,15 @@ def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
 
 
 def load(path: str | Path) -> Sheepdog:
-    """A sheepdog, from its file or from its run folder. Raises `Refusal` as `read` does."""
+    """A sheepdog, by its name in the zoo, from its file or from its run folder.
+
+    `load("h-ddpg-4x4")` is one that ships; `ships` lists them. Raises `Refusal` as `read` does.
+    """
     return read(path)[0]
 
 
 def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
-    """A sheepdog and its card, from its file or from its run folder.
+    """A sheepdog and its card, by its name in the zoo, from its file or from its run folder.
 
     Raises `Refusal` for a file that is missing, damaged, foreign, or of a sheepdog that
     observes or commands something else than this version of skydog gives.
@@ -66,12 +72,30 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
     arena = card.get("arena")
     if not isinstance(arena, int | float) or not 0.0 < arena < 1e6:
         raise Refusal(f"{path} is damaged: its card gives an arena of {arena!r} m")
-    collect, drive = (_actor(path, skill, arrays) for skill in ("collect", "drive"))
+    policy = POLICIES.get(str(card.get("policy")))
+    if policy is None:
+        raise Refusal(
+            f"{path} has skills of the kind {card.get('policy')!r}, this version of skydog knows "
+            f"{', '.join(POLICIES)}; train it again"
+        )
+    collect, drive = (_skill(path, skill, arrays, policy) for skill in ("collect", "drive"))
     return Sheepdog(collect, drive, float(arena)), card
 
 
+def ships() -> list[str]:
+    """The names of the sheepdogs in the zoo, which come with the package."""
+    return sorted(path.stem for path in ZOO.glob("*.safetensors"))
+
+
 def find(path: Path) -> Path:
-    """The file of a sheepdog that is named by its file or by its run folder."""
+    """The file of a sheepdog that is named by its name in the zoo, its file or its run folder."""
+    if not path.exists() and path.parent == Path() and not path.suffix:
+        if path.name.lower() in ships():
+            return ZOO / f"{path.name.lower()}.safetensors"
+        raise Refusal(
+            f"no sheepdog is called {path}, and no file or folder; those that ship are "
+            + ", ".join(ships())
+        )
     if not path.is_dir():
         return path
     if (path / FILE).exists():
@@ -97,7 +121,9 @@ def readable(card: dict[str, Any]) -> str:
     return "\n".join([*lines, ""])
 
 
-def _actor(path: Path, skill: str, arrays: dict[str, np.ndarray]) -> Actor:
+def _skill(
+    path: Path, skill: str, arrays: dict[str, np.ndarray], policy: type[Actor] | type[Chooser]
+) -> Actor | Chooser:
     depth = sum(name.startswith(f"{skill}.") and name.endswith(".weight") for name in arrays)
     nodes = [len(OBSERVES)]
     weights: list[Array] = []
@@ -111,9 +137,9 @@ def _actor(path: Path, skill: str, arrays: dict[str, np.ndarray]) -> Actor:
             raise Refusal(f"{path} is damaged: layer {layer} of {skill} has shape {weight.shape}")
         nodes.append(bias.size)
         weights += [jnp.asarray(weight), jnp.asarray(bias)]
-    if nodes[-1] != len(COMMANDS):
-        raise Refusal(f"{path} is damaged: {skill} is not a network of {len(COMMANDS)} commands")
-    blank = Actor(nodes[0], nodes[-1], tuple(nodes[1:-1]), jax.random.key(0))
+    blank = policy(nodes[0], len(COMMANDS), tuple(nodes[1:-1]), jax.random.key(0))
+    if nodes[-1] != blank.layers.linears[-1].out_features:
+        raise Refusal(f"{path} is damaged: {skill} has {nodes[-1]} outputs")
     return jax.tree.unflatten(jax.tree.structure(blank), weights)
 
 

@@ -1,10 +1,13 @@
 """Cases: the starts that every shepherd of a comparison flies from."""
 
+from importlib import resources
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from skydog.errors import Refusal
-from skydog.words import Starts
+from skydog.words import CaseSet, Starts
 from skydog.world import mission
 from skydog.world.mission import State
 from skydog.world.params import World
@@ -48,3 +51,27 @@ def cases(
         )
     placed = jnp.asarray(PAPER_LAYOUT) * world.arena.size
     return jax.vmap(lambda state: mission.start(placed, state.dogs))(drawn)
+
+
+def shipped(world: World, name: CaseSet) -> State:
+    """The fixed cases of the simulation study, for an arena of any size.
+
+    `paper`: 30 starts of the UAV with the three sheep of `PAPER_LAYOUT`, as the paper tests.
+    `hard`: 1,000 in which the three sheep vary too. Both ship as CSV, in sides of the arena,
+    for other tools to fly; `as_table` made them of `cases` with seed 0 and 1.
+    """
+    file = resources.files("skydog.study").joinpath("data", f"{name}.csv")
+    with file.open(encoding="utf-8") as lines:
+        shares = np.loadtxt(lines, delimiter=",", skiprows=1, dtype=np.float32)
+    placed = jnp.asarray(shares.reshape(len(shares), -1, 2)) * world.arena.size
+    return jax.vmap(mission.start)(placed[:, 1:], placed[:, :1])
+
+
+def as_table(world: World, drawn: State) -> str:
+    """Cases of one dog as CSV: where the dog and each sheep start, in sides of the arena."""
+    shares = jnp.concatenate([drawn.dogs, drawn.sheep], axis=1) / world.arena.size
+    who = ["dog", *(f"sheep{number}" for number in range(1, drawn.sheep.shape[1] + 1))]
+    head = [f"{name}_{axis}" for name in who for axis in "xy"]
+    # Nine digits bring every float32 back.
+    rows = [[f"{share:.9g}" for share in np.ravel(case)] for case in np.asarray(shares)]
+    return "".join(",".join(row) + "\n" for row in (head, *rows))

@@ -13,6 +13,18 @@ from skydog.world import mission
 from skydog.world.mission import MAX_STEPS, Shepherd, State, Trace
 from skydog.world.params import World
 
+MEASURES = (
+    metrics.steps,
+    metrics.steps_gcm,
+    metrics.steps_ratio,
+    metrics.distance,
+    metrics.cumulative_reward,
+    metrics.error_per_step,
+    metrics.dog_to_subgoal,
+    metrics.centre_to_target,
+    metrics.turn,
+)
+
 
 def fly(
     world: World,
@@ -29,28 +41,41 @@ def fly(
     return _fly(_traced(world), _traced(shepherd), cases, steps, keys)
 
 
+def measure(traces: Trace) -> dict[str, np.ndarray]:
+    """Every metric of every mission: `success` and `MEASURES`, by name."""
+    return {name: np.asarray(values, np.float64) for name, values in _measure(traces).items()}
+
+
 def row(traces: Trace) -> dict[str, Any]:
     """The figures of one scenario, over its cases.
 
-    `success` is the share of missions accomplished. `steps`, `steps_gcm` and `distance`
-    (metres) are each a mean, SD and 95 % interval over all cases: a mission that failed
-    counts with all the steps it was given, so that giving up early never pays.
+    `success` is the share of missions accomplished, `success_ci95` its Wilson interval. Each of
+    `MEASURES` is a mean, SD and 95 % interval over all cases: a mission that failed counts
+    with all the steps it was given, so that giving up early never pays.
     """
-    measured = _measure(traces)
+    return figures(measure(traces))
+
+
+def figures(measured: dict[str, np.ndarray]) -> dict[str, Any]:
+    """`row`, of missions that have been measured."""
+    success = measured["success"]
+    share, interval = statistics.share(int(success.sum()), len(success))
     return {
-        "success": float(np.mean(measured["success"])),
-        "cases": len(measured["success"]),
-        **{
-            name: statistics.summary(np.asarray(measured[name], np.float64))
-            for name in ("steps", "steps_gcm", "distance")
-        },
+        "success": share,
+        "success_ci95": interval,
+        "cases": len(success),
+        **{how.__name__: statistics.summary(measured[how.__name__]) for how in MEASURES},
     }
+
+
+def one_case(traces: Trace, case: int) -> Trace:
+    """One mission out of those flown together."""
+    return jax.tree.map(lambda leaf: leaf[case], traces)
 
 
 @jax.jit
 def _measure(traces: Trace) -> dict[str, Any]:
-    measures = (metrics.success, metrics.steps, metrics.steps_gcm, metrics.distance)
-    return {measure.__name__: jax.vmap(measure)(traces) for measure in measures}
+    return {how.__name__: jax.vmap(how)(traces) for how in (metrics.success, *MEASURES)}
 
 
 @eqx.filter_jit

@@ -1,4 +1,7 @@
-"""What is measured of a mission: one function a metric, from its trace and nothing else."""
+"""What is measured of a mission: one function a metric, from its trace and nothing else.
+
+The seven of the paper's "Evaluation Metrics", each with its definition, and what they lack.
+"""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -6,6 +9,8 @@ from jaxtyping import Array, Bool, Float, Int
 from skydog.world import herding
 from skydog.world.mission import Trace
 from skydog.world.vectors import norm
+
+STILL = 1e-6  # metres: a dog that moved less than this in a step has no heading
 
 
 def success(trace: Trace) -> Bool[Array, ""]:
@@ -24,14 +29,85 @@ def steps_gcm(trace: Trace) -> Int[Array, ""]:
     That is how the paper counts (Section "Evaluation Metrics", Number of steps). A trace
     whose centre never arrives counts all its steps.
     """
-    centre = jnp.mean(trace.sheep, axis=-2)
     arena = trace.world.arena
-    return _first(norm(centre - herding.goal(arena)) <= arena.goal_radius)
+    return _first(norm(_centre(trace) - herding.goal(arena)) <= arena.goal_radius)
+
+
+def steps_ratio(trace: Trace) -> Float[Array, ""]:
+    """`steps`, as a multiple of the fewest that any shepherd could need.
+
+    Those take the sheep that starts furthest out straight to the goal disc at its full speed.
+    At least one step, so that a mission which starts at home has a ratio.
+    """
+    arena, flock = trace.world.arena, trace.world.flock
+    away = jnp.max(norm(trace.sheep[0] - herding.goal(arena))) - arena.goal_radius
+    return steps(trace) / jnp.maximum(jnp.ceil(away / (flock.speed * arena.dt)), 1.0)
 
 
 def distance(trace: Trace) -> Float[Array, ""]:
     """Metres that the dogs flew in all (paper, Eq. 13; "Travel Distance")."""
     return jnp.sum(norm(jnp.diff(trace.dogs, axis=0)))
+
+
+def cumulative_reward(trace: Trace) -> Float[Array, ""]:
+    """What the paper's reward comes to over the mission, for each dog ("Cumulative reward").
+
+    0.1 for a step after which the dog is no further from its subgoal than before, -0.1 for
+    any other (paper, "Reward Design"). The "large reward" of an accomplished mission, whose
+    size the paper does not print, is left out.
+    """
+    away = norm(trace.dogs - trace.subgoal)
+    paid = jnp.where(away[1:] <= away[:-1], 0.1, -0.1)
+    return jnp.sum(jnp.where(_flown(trace), jnp.mean(paid, axis=1), 0.0))
+
+
+def error_per_step(trace: Trace) -> Float[Array, ""]:
+    """Metres between where a dog came in a step and where it was told to ("Error per step").
+
+    It was told to: where it was, and its commanded velocity times the time of the step.
+    """
+    taken = jnp.diff(trace.time)[:, None, None]
+    desired = trace.dogs[:-1] + trace.command[:-1] * taken
+    return _mean_over_steps(trace, norm(trace.dogs[1:] - desired))
+
+
+def dog_to_subgoal(trace: Trace) -> Float[Array, ""]:
+    """Metres between a dog and its subgoal, as each step begins ("Distance ... per step")."""
+    return _mean_over_steps(trace, norm(trace.dogs - trace.subgoal)[:-1])
+
+
+def centre_to_target(trace: Trace) -> Float[Array, ""]:
+    """Metres a step by which the flock's centre came nearer to the goal ("Reduced distance")."""
+    away = norm(_centre(trace) - herding.goal(trace.world.arena))
+    return (away[0] - away[-1]) / jnp.maximum(steps(trace), 1)
+
+
+def turn(trace: Trace) -> Float[Array, ""]:
+    """Degrees by which a dog turns from one step to the next: 0 is smooth, 90 a zigzag. Ours.
+
+    The mean over pairs of steps in both of which it moved.
+    """
+    way = jnp.diff(trace.dogs, axis=0)
+    before, after = way[:-1], way[1:]
+    cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
+    angle = jnp.abs(jnp.degrees(jnp.arctan2(cross, jnp.sum(before * after, axis=-1))))
+    moved = (norm(before) > STILL) & (norm(after) > STILL)
+    return jnp.sum(jnp.where(moved, angle, 0.0)) / jnp.maximum(jnp.sum(moved), 1)
+
+
+def _centre(trace: Trace) -> Float[Array, "instants 2"]:
+    return jnp.mean(trace.sheep, axis=-2)
+
+
+def _flown(trace: Trace) -> Bool[Array, " steps"]:
+    # After the mission is accomplished the world stands still.
+    return ~trace.accomplished[:-1]
+
+
+def _mean_over_steps(trace: Trace, values: Float[Array, "steps dogs"]) -> Float[Array, ""]:
+    flown = _flown(trace)
+    total = jnp.sum(jnp.where(flown, jnp.mean(values, axis=1), 0.0))
+    return total / jnp.maximum(jnp.sum(flown), 1)
 
 
 def _first(reached: Bool[Array, " instants"]) -> Int[Array, ""]:

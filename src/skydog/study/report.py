@@ -1,6 +1,7 @@
 """The report: the results table, in a terminal, in Markdown and in one self-contained page."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
@@ -35,6 +36,7 @@ class Row:
     scenario: str
     ours: dict[str, Any]
     paper: dict[str, Any] | None = None
+    verdict: str | None = None  # of `study.verdict`, on ours beside the paper's
 
 
 def cells(row: Row) -> list[str]:
@@ -45,13 +47,13 @@ def cells(row: Row) -> list[str]:
     ours, paper = row.ours, row.paper or {}
     return [
         row.scenario,
-        _share(ours.get("success"), ours.get("cases")),
-        _figure(ours.get("steps"), ".0f"),
-        _figure(ours.get("steps_gcm"), ".0f"),
-        _figure(ours.get("distance"), ".1f"),
-        _share(paper.get("success")),
-        _figure(paper.get("steps"), "g"),
-        _figure(paper.get("distance"), "g"),
+        share(ours.get("success"), ours.get("cases")),
+        figure(ours.get("steps"), ".0f"),
+        figure(ours.get("steps_gcm"), ".0f"),
+        figure(ours.get("distance"), ".1f"),
+        share(paper.get("success")),
+        figure(paper.get("steps"), "g"),
+        figure(paper.get("distance"), "g"),
     ]
 
 
@@ -69,16 +71,39 @@ def table(rows: list[Row]) -> Table:
     for row in rows:
         success, steps, distance = cells(row)[OURS:]
         paper = f"{steps} steps\n{distance} m\n{success}" if row.paper else "—"
+        paper += f"\n{row.verdict}" if row.verdict else ""
         drawn.add_row(*map(Text, [*cells(row)[:OURS], paper]))
     return drawn
 
 
 def markdown(rows: list[Row]) -> str:
     """The results as a Markdown table."""
-    lines = [COLUMNS, ("---", *["---:"] * (len(COLUMNS) - 1)), *map(cells, rows)]
+    return markdown_table(COLUMNS, [cells(row) for row in rows])
+
+
+def markdown_table(head: Sequence[str], rows: list[list[str]]) -> str:
+    """A table for a document; what a line break parts in a cell stands in one line."""
+    lines = [head, ("---", *["---:"] * (len(head) - 1)), *rows]
     return "".join(
         "| " + " | ".join(_one_line(cell).replace("|", "\\|") for cell in line) + " |\n"
         for line in lines
+    )
+
+
+def html_table(head: Sequence[str], rows: list[list[str]]) -> str:
+    """A table for a page; what follows a line break in a cell is small."""
+    heads = "".join(f"<th>{escape(name)}</th>" for name in head)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{_two_lines(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f'<div class="wide"><table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def figures_html(figures: dict[str, str]) -> str:
+    """Figures, inline SVG by caption, for a page."""
+    return "".join(
+        f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+        for caption, svg in figures.items()
     )
 
 
@@ -90,12 +115,13 @@ def report(
     `figures` are inline SVG by caption and `player` is the replay as an HTML fragment, both
     from `skydog.view`; `command` is what the user typed and `notes` are sentences, as text.
     """
-    shown = "".join(
-        f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
-        for caption, svg in figures.items()
-    )
     told = "".join(f"<p>{escape(note)}</p>" for note in notes)
-    sections = {"Results": _html(rows), "Figures": shown, "Replay": player, "Notes": told}
+    sections = {
+        "Results": _html(rows),
+        "Figures": figures_html(figures),
+        "Replay": player,
+        "Notes": told,
+    }
     return document(
         "Aerial shepherding: results",
         "<p>A drone herds ground robots to a goal. Every scenario was flown from its cases and "
@@ -116,35 +142,30 @@ def fill(template: str, **values: str) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], template)
 
 
-def _html(rows: list[Row]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{_two_lines(cell)}</td>" for cell in cells(row)) + "</tr>"
-        for row in rows
-    )
-    return (
-        f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-        f'<p class="quiet">{HOW_TO_READ}</p>'
-    )
-
-
-def _share(share: float | None, cases: int | None = None) -> str:
-    if share is None:
+def share(value: float | None, cases: int | None = None) -> str:
+    """A share as a percentage, and of how many."""
+    if value is None:
         return "—"
-    return f"{100 * share:.4g} %" + (f"\nof {cases}" if cases is not None else "")
+    return f"{100 * value:.4g} %" + (f"\nof {cases}" if cases is not None else "")
 
 
-def _figure(figure: dict[str, Any] | None, form: str) -> str:
-    if figure is None:
+def figure(summary: dict[str, Any] | None, form: str) -> str:
+    """Mean ± SD of a `statistics.summary`, and below them the interval."""
+    if summary is None:
         return "—"
-    text = format(figure["mean"], form)
-    if "sd" in figure:
-        text += f" ± {figure['sd']:{form}}"
-    if "ci95" in figure:
-        low, high = figure["ci95"]
+    text = format(summary["mean"], form)
+    if "sd" in summary:
+        text += f" ± {summary['sd']:{form}}"
+    if "ci95" in summary:
+        low, high = summary["ci95"]
         text += f"\n[{low:{form}}, {high:{form}}]"
     return text
+
+
+def _html(rows: list[Row]) -> str:
+    return html_table(COLUMNS, [cells(row) for row in rows]) + (
+        f'<p class="quiet">{HOW_TO_READ}</p>'
+    )
 
 
 def _one_line(cell: str) -> str:

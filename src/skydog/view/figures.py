@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -39,21 +40,68 @@ STYLE: dict[Any, Any] = {
 }
 
 
+# Of lines that stand for no role: Okabe and Ito's colours again, told apart in grey too.
+LINES = (
+    ("#0072B2", "-"),
+    ("#D55E00", "--"),
+    ("#009E73", "-."),
+    ("#CC79A7", ":"),
+    ("#E69F00", "--"),
+    ("#444444", ":"),
+)
+
+
 def learning_curves(curves: dict[str, list[Curve]]) -> Figure:
-    """Reward per action against episodes, one panel a skill.
+    """Reward per action against episodes, a panel for each name of a skill, two in a row.
 
     Several seeds are drawn as their mean and one SD about it, as far as the shortest goes.
     """
+    rows = math.ceil(len(curves) / 2)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.4 * len(curves), 2.5), layout="constrained")
-        panels = figure.subplots(1, len(curves), squeeze=False)[0]
-        for axes, (skill, seeds) in zip(panels, curves.items(), strict=True):
-            axes.set_title(skill, loc="left")
+        figure = Figure(figsize=(3.4 * min(2, len(curves)), 2.4 * rows), layout="constrained")
+        panels = figure.subplots(rows, min(2, len(curves)), squeeze=False)
+        for axes, (name, seeds) in zip(panels.flat, curves.items(), strict=False):
+            axes.set_title(name, loc="left")
             axes.set_xlabel("episode")
             axes.grid(axis="y", color="#E6E6E6", linewidth=0.6)
             axes.set_axisbelow(True)
+            skill = "drive" if "drive" in name else "collect"
             _learnt(axes, [seed for seed in seeds if len(seed[0])], ROLES[skill])
-        panels[0].set_ylabel("reward per action\n(every 10 episodes)")
+        for axes in panels[:, 0]:
+            axes.set_ylabel("reward per action\n(every 10 episodes)")
+        for axes in panels.flat[len(curves) :]:
+            axes.remove()
+    return figure
+
+
+def transfer(lines: dict[str, dict[str, dict[str, Any]]]) -> Figure:
+    """Success and steps against the arena's size, one line a way of getting there.
+
+    `lines` are rows of figures (`evaluate.row`) by the arena's side in metres, by what the line
+    is called. The bands are 95 % intervals.
+    """
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 2.9), layout="constrained")
+        success, steps = figure.subplots(1, 2)
+        for (name, rows), (colour, style) in zip(lines.items(), LINES, strict=False):
+            sizes = [float(size) for size in rows]
+            look = {"color": colour, "linestyle": style, "linewidth": 1.4, "markersize": 3}
+            shares = [100 * row["success"] for row in rows.values()]
+            success.plot(sizes, shares, marker="o", label=name, **look)
+            steps.plot(sizes, [row["steps"]["mean"] for row in rows.values()], marker="o", **look)
+            bands = (
+                (success, [[100 * end for end in row["success_ci95"]] for row in rows.values()]),
+                (steps, [row["steps"]["ci95"] for row in rows.values()]),
+            )
+            for axes, ends in bands:
+                low, high = zip(*ends, strict=True)
+                axes.fill_between(sizes, low, high, color=colour, alpha=0.12, linewidth=0)
+        for axes, told in ((success, "missions accomplished (%)"), (steps, "steps")):
+            axes.set(xlabel="side of the arena (m)", ylabel=told)
+            axes.grid(color="#E6E6E6", linewidth=0.6)
+            axes.set_axisbelow(True)
+        success.set_ylim(-3, 103)
+        figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
@@ -68,7 +116,8 @@ def trajectories(traces: dict[str, Trace]) -> Figure:
         for axes, (name, trace) in zip(panels, traces.items(), strict=True):
             ground(axes, trace)
             _paths(axes, trace)
-            axes.set_title(f"{name}\n{outcome(trace)}", loc="left", parse_math=False)
+            turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
+            axes.set_title(f"{name}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
         ends = [extent(trace, trace.dogs) for trace in traces.values()]
         limits = min(low for low, _ in ends), max(high for _, high in ends)
         panels[0].set(xlim=limits, ylim=limits)

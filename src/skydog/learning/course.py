@@ -1,0 +1,72 @@
+"""What a sheepdog is taught, where and how: free to import, and to send to another process."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from skydog.errors import Refusal
+from skydog.words import Learner, Reward, Skill
+
+if TYPE_CHECKING:  # a worker pins itself to its core before jax is imported
+    from skydog.learning.lessons import Lesson
+    from skydog.world.params import World
+
+
+@dataclass(frozen=True)
+class Course:
+    """Two lessons, the learner that takes them, and how long each may last."""
+
+    preset: str = "paper"
+    arena: float | None = None  # metres; None is the preset's own
+    sheep: int = 3
+    reward: Reward = "progress"
+    steps: int = 150_000  # for each skill: 3,000 episodes of `progress`, as many as the paper's
+    learner: Learner = "ddpg"
+    episodes: int | None = None  # end a lesson too, if they are over before its steps
+    one_scale: bool = False  # lessons at the arena's own scale alone, as the paper has them
+
+    def world(self) -> "World":
+        """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
+        from skydog.world import params
+
+        if self.steps < 1:
+            raise Refusal(
+                f"a skill is taught for at least 1 step, got {self.steps}; try --steps 150000"
+            )
+        return params.preset(self.preset, self.arena, self.sheep)
+
+    def lesson(self, skill: Skill) -> "Lesson":
+        """The lesson that teaches a skill."""
+        from skydog.learning import lessons
+
+        return lessons.Lesson(
+            self.world(),
+            skill,
+            self.reward,
+            self.sheep,
+            stretches=self.learner == "ddpg",
+            scales=(1.0, 1.0) if self.one_scale else lessons.SCALES,
+        )
+
+    def config(self) -> Any:
+        """The learner's numbers: all as its file has them."""
+        return import_module(f"skydog.learning.{self.learner}").Config()
+
+    @property
+    def dog(self) -> str:
+        """What the sheepdog is called that comes of it, as the paper does: H-DDPG-4x4."""
+        kind = {"ddpg": "H-DDPG", "dqn": "DHRL"}[self.learner]
+        size = float(self.world().arena.size)
+        odd = "-paper-reward" * (self.reward == "paper") + "-one-scale" * self.one_scale
+        return f"{kind}-{size:g}x{size:g}{odd}"
+
+    def card(self) -> dict[str, Any]:
+        """What must be the same for a training to be continued."""
+        return {
+            "preset": self.preset,
+            "arena": float(self.world().arena.size),
+            "sheep": self.sheep,
+            "reward": self.reward,
+            "learner": self.learner,
+            "one_scale": self.one_scale,
+        }

@@ -1,0 +1,203 @@
+"""What the study of the paper shows: as one page, and as a document of its claims."""
+
+from html import escape
+from typing import Any
+
+from skydog.study import report, transfer
+from skydog.study.claims import ALL_SCALES, ONE_SCALE
+from skydog.study.report import Row, figure, html_table, markdown_table, share
+
+# The lines of the transfer study.
+SCALED = "H-DDPG-4x4 through ξ"
+UNSCALED = "H-DDPG-4x4, unscaled"
+NATIVE = "taught in that arena"
+ALL_SEEDS = {ALL_SCALES: "H-DDPG-4x4", ONE_SCALE: "H-DDPG-4x4-one-scale"}
+
+METRICS = {  # by name: how a column calls it, and its digits
+    "cumulative_reward": ("cumulative reward", ".1f"),
+    "steps_gcm": ("steps (GCM)", ".0f"),
+    "distance": ("distance (m)", ".1f"),
+    "error_per_step": ("error a step (m)", ".3f"),
+    "dog_to_subgoal": ("dog to subgoal (m)", ".2f"),
+    "centre_to_target": ("centre to target, gained a step (m)", ".4f"),
+    "turn": ("turn a step (°)", ".0f"),
+}
+MORE = {"steps": ".0f", "steps_gcm": ".0f", "distance": ".1f"}
+
+NOTES = (
+    "All shepherds fly the same cases. But where a name says otherwise, all may fly ±1 m/s on each "
+    "axis: the rule dog and H-DDPG up to 1.4 m/s along the diagonal, DHRL, whose steps are "
+    "axis-parallel, 1 m/s. In the paper's tables its rule dog flies 0.81 m/s, its H-DDPG 0.97 to "
+    "1.06: rows named 0.81 m/s are the rule dog at that speed, and rows named 1 m/s have everyone "
+    "at 1 m/s in any direction.",
+    "A mission that fails counts with all 1000 steps. Steps last until every sheep is home and the "
+    "flock gathered; steps (GCM), which the paper counts, until the flock's centre is home; the "
+    "ratio is to the fewest that any shepherd could need, a straight way home for the sheep that "
+    "starts furthest out.",
+    "The paper does not print its start layouts. The 30 cases here are ours, with the three sheep "
+    "at fixed places and the drone's start drawn; in the 1,000 harder ones the sheep are drawn "
+    "too. So the verdicts tell whether its figures are within reach, not whether they are equal.",
+    "Intervals are of 95 %: bootstrap (BCa) for means, Wilson's for shares of success.",
+    "Of several seeds, the one that flies is the first of those that accomplish the most missions "
+    "of 100 of the harder cases; the 30 cases have no say in it.",
+)
+
+
+def rows(results: dict[str, Any]) -> list[Row]:
+    """The paper's eight scenarios, for a table."""
+    return [
+        Row(name, row["ours"], row["paper"], row["verdict"])
+        for name, row in results["rows"].items()
+    ]
+
+
+def page(results: dict[str, Any], figures: dict[str, str], player: str, command: str) -> str:
+    """The report: every table, figure and claim in one HTML page; `figures` are inline SVG."""
+    shown = {
+        "Learning curves: mean and SD over the seeds of the reward per action in every 10 "
+        "episodes, lessons and reward as ours": figures["learning_curves"],
+        "The same with the paper's lessons and reward, whose greatest value is 0.1": figures[
+            "learning_curves_paper"
+        ],
+        "The 15th case in 6 × 6, flown by each shepherd": figures["trajectories"],
+        "From one arena to another: 30 cases in each, with 95 % intervals": figures["transfer"],
+    }
+    sections = {
+        "The eight scenarios": html_table(*_eight(results))
+        + f'<p class="quiet">{report.HOW_TO_READ} {escape(results["rule"])}</p>',
+        "What reproduces": "".join(
+            f"<h3>{escape(claim['title'])}: {claim['verdict']}</h3>"
+            f"<p><em>{escape(claim['says'])}</em></p><p>{escape(claim['found'])}</p>"
+            for claim in results["claims"]
+        ),
+        "Figures": report.figures_html(shown),
+        "All seven metrics": html_table(*_metrics(results["rows"])),
+        "On 1,000 harder cases": html_table(*_hard(results["rows"])),
+        "More rules and other speeds": html_table(*_others(results)),
+        "Against the rule dog on the same cases": html_table(*_differences(results)),
+        "From one arena to another": html_table(*_transfer(results["transfer"])),
+        "Is it luck? Every seed": html_table(*_seeds(results["seeds"])),
+        "Replay": player,
+        "Notes": "".join(f"<p>{escape(note)}</p>" for note in NOTES),
+    }
+    return report.document(
+        "The paper's simulation study",
+        "<p>Every scenario of Nguyen et al. 2020 (arXiv 2004.11543), section “Evaluation in "
+        f"Simulation”, flown and measured. Made by <code>{escape(command)}</code>.</p>"
+        + "".join(f"<h2>{name}</h2>{body}" for name, body in sections.items()),
+    )
+
+
+def document(results: dict[str, Any], command: str) -> str:
+    """What reproduces and what does not: Markdown, one paragraph a claim."""
+    lines = [
+        "# What reproduces and what does not",
+        "",
+        f"Made by `{command}`, which writes a report with the figures too. The claims are those of "
+        "Nguyen et al. 2020 (arXiv 2004.11543), section “Evaluation in Simulation”. A comparison "
+        "is reproduced if the 95 % interval of the difference, case by case, lies wholly on the "
+        "claimed side of zero; not reproduced if wholly on the other; else undecided.",
+        "",
+    ]
+    for claim in results["claims"]:
+        lines += [f"## {claim['title']}: {claim['verdict']}", ""]
+        lines += [f"> {claim['says']}", "", claim["found"], ""]
+    tables = {
+        "The eight scenarios": _eight(results),
+        "All seven metrics": _metrics(results["rows"]),
+        "On 1,000 harder cases": _hard(results["rows"]),
+        "More rules and other speeds": _others(results),
+        "Against the rule dog on the same cases": _differences(results),
+        "From one arena to another": _transfer(results["transfer"]),
+        "Is it luck? Every seed": _seeds(results["seeds"]),
+    }
+    for title, (head, body) in tables.items():
+        lines += [f"## {title}", "", markdown_table(head, body)]
+    lines += ["## How to read this", "", report.HOW_TO_READ, "", results["rule"], ""]
+    for note in NOTES:
+        lines += [note, ""]
+    return "\n".join(lines)
+
+
+Table = tuple[list[str], list[list[str]]]
+
+
+def _eight(results: dict[str, Any]) -> Table:
+    head = [*report.COLUMNS, "verdict"]
+    return head, [[*report.cells(row), row.verdict or ""] for row in rows(results)]
+
+
+def _metrics(by_name: dict[str, Any]) -> Table:
+    head = ["scenario", "success", *(told for told, _ in METRICS.values())]
+    body = [
+        [
+            name,
+            _success(row["ours"]),
+            *(figure(row["ours"][metric], form) for metric, (_, form) in METRICS.items()),
+        ]
+        for name, row in by_name.items()
+    ]
+    return head, body
+
+
+def _hard(by_name: dict[str, Any]) -> Table:
+    head = ["scenario", "success", "steps", "steps, as a ratio to the least", "distance (m)"]
+    return head, [[name, *_short(row["hard"])] for name, row in by_name.items()]
+
+
+def _others(results: dict[str, Any]) -> Table:
+    head = ["scenario", "success", "steps", "steps, as a ratio to the least", "distance (m)"]
+    everything = results["rows"] | results["others"]
+    return head, [[name, *_short(row["ours"])] for name, row in everything.items()]
+
+
+def _differences(results: dict[str, Any]) -> Table:
+    head = ["scenario", "steps more", "steps (GCM) more", "metres more"]
+    everything = results["rows"] | results["others"]
+    body = [
+        [name, *(figure(row["more_than_strombom"][metric], form) for metric, form in MORE.items())]
+        for name, row in everything.items()
+        if "more_than_strombom" in row
+    ]
+    return head, body
+
+
+def _transfer(lines: dict[str, Any]) -> Table:
+    head = ["success / steps", *(f"{arena} m" for arena in transfer.ARENAS)]
+    body = [
+        [
+            name,
+            *(
+                f"{share(by[f'{arena}']['success'])}\n{by[f'{arena}']['steps']['mean']:.0f}"
+                if f"{arena}" in by
+                else "—"
+                for arena in transfer.ARENAS
+            ),
+        ]
+        for name, by in lines.items()
+    ]
+    return head, body
+
+
+def _seeds(kinds: dict[str, Any]) -> Table:
+    head = ["sheepdog", "success", "steps", "steps, as a ratio to the least", "distance (m)"]
+    body = [
+        [f"{name}, seed {seed}" + " (flies)" * (seed == kind["chosen"]), *_short(row)]
+        for name, kind in kinds.items()
+        for seed, row in enumerate(kind["rows"])
+    ]
+    return head, body
+
+
+def _short(row: dict[str, Any]) -> list[str]:
+    return [
+        _success(row),
+        figure(row["steps"], ".0f"),
+        figure(row["steps_ratio"], ".2f"),
+        figure(row["distance"], ".1f"),
+    ]
+
+
+def _success(row: dict[str, Any]) -> str:
+    low, high = row["success_ci95"]
+    return f"{share(row['success'])} of {row['cases']:,}\n[{100 * low:.1f}, {100 * high:.1f}]"

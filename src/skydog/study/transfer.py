@@ -1,0 +1,42 @@
+"""Transfer: does a sheepdog herd in an arena other than the one that it learnt in?"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from skydog.shepherds.sheepdog import Sheepdog
+from skydog.study import evaluate
+from skydog.study.cases import shipped
+from skydog.world import params
+
+ARENAS = (3, 4, 5, 6, 8, 10, 12, 15, 20)  # metres
+
+
+def scaled(sheepdog: Sheepdog, arena: float) -> Sheepdog:
+    """The sheepdog as it is: it sees and flies through ξ wherever it is not at home."""
+    return sheepdog
+
+
+def unscaled(sheepdog: Sheepdog, arena: float) -> Sheepdog:
+    """The sheepdog, its ξ taken away: it believes that it learnt in this arena."""
+    return eqx.tree_at(lambda dog: dog.arena, sheepdog, float(arena))
+
+
+def sweep(
+    sheepdogs: list[Sheepdog],
+    carried: Callable[[Sheepdog, float], Sheepdog],
+    arenas: Iterable[float] = ARENAS,
+) -> dict[str, dict[str, Any]]:
+    """Fly sheepdogs through the 30 cases in each arena; the row of figures of all, by arena."""
+    rows = {}
+    for arena in arenas:
+        world = params.preset("paper", float(arena))
+        starts = shipped(world, "paper")
+        flown = [
+            evaluate.measure(evaluate.fly(world, carried(dog, arena), starts)) for dog in sheepdogs
+        ]
+        together = {name: np.concatenate([one[name] for one in flown]) for name in flown[0]}
+        rows[f"{arena:g}"] = evaluate.figures(together)
+    return rows
