@@ -38,6 +38,7 @@ CHOSEN_IN = {
     "DHRL-6x6": (6,),
 }
 CHOSEN_BY = 100  # of the harder cases, from the first on
+AT_PAPERS_SPEED = f", {paper.STROMBOM_SPEED} m/s"
 CURVES = "learning_curves.csv"
 
 
@@ -198,7 +199,7 @@ def flights(dogs: dict[str, Sheepdog]) -> dict[str, Flight]:
         world = flown[rule].world
         slow = Strombom(speed=paper.STROMBOM_SPEED)
         flown[rule.replace("-", "-arrive-")] = Flight(Strombom("arrive"), world, rule)
-        flown[f"{rule}, {paper.STROMBOM_SPEED} m/s"] = Flight(slow, world, rule)
+        flown[rule + AT_PAPERS_SPEED] = Flight(slow, world, rule)
     for name in ("Strombom-4x4", "H-DDPG-4x4", "Strombom-6x6", "H-DDPG-6x6", "H-DDPG-4x4to6x6"):
         shepherd, world, rule = flown[name].shepherd, flown[name].world, flown[name].rule
         world = replace(world, dog=replace(world.dog, per_axis=False))
@@ -260,9 +261,11 @@ def row(name: str, flight: Flight, measured: Measured, harder: Measured) -> Resu
             metric: statistics.paired(measured[name][metric], measured[flight.rule][metric])
             for metric in ("steps", "steps_gcm", "distance")
         }
-    if name in paper.PRINTED:
-        held = verdict.verdicts(ours, paper.PRINTED[name])
-        told |= {"paper": paper.PRINTED[name], "verdict": verdict.verdict(held), "verdicts": held}
+    # A rule dog at the speed of the paper's own is held against it too.
+    printed = paper.PRINTED.get(name.removesuffix(AT_PAPERS_SPEED))
+    if printed is not None:
+        held = verdict.verdicts(ours, printed)
+        told |= {"paper": printed, "verdict": verdict.verdict(held), "verdicts": held}
     return told
 
 

@@ -68,7 +68,7 @@ def card(course: Course, seed: int, command: str, results: dict[str, Any]) -> di
         "config": asdict(course.config()),
         "world": params.flatten(world),
         "results": {
-            f"{name} {figure}": value if isinstance(value, int | float) else value["mean"]
+            f"{name} {figure}": value["mean"] if isinstance(value, dict) else value
             for name, row in results.items()
             for figure, value in row.items()
         },

@@ -26,6 +26,10 @@ HORIZON = {"progress": 50, "paper": mission.MAX_STEPS}
 # skill that has met it at one size alone misses, through ξ, by centimetres that ξ then
 # magnifies. Uniform in the logarithm; the ends bracket the arenas from 3 to 20 m, for 4 m.
 SCALES = (0.1, 1.4)
+# How far from the middle of the others a stray starts: at least so many f(N), and at most so
+# many sides of the arena. Ours.
+NEAREST_STRAY = 1.2
+FURTHEST_STRAY = 1.0
 # The dog starts within so many metres of the flock, on each axis, in arenas of any size: about
 # as far as it flies in an episode.
 REACH = 4.8
@@ -84,20 +88,21 @@ class Lesson(eqx.Module):
     def start(self, key: PRNGKeyArray) -> Episode:
         """A gathered flock somewhere in the arena, and the dog somewhere about it.
 
-        To collect, one sheep stands apart (paper, "Skill Decomposition Framework"): 1.2 to 3.2
-        f(N) from the middle of the others, further in a wider arena, or less where the wall is
-        nearer. The distances are ours.
+        To collect, one sheep stands apart (paper, "Skill Decomposition Framework"): from
+        `NEAREST_STRAY` to `FURTHEST_STRAY` from the middle of the others, or less where the wall
+        is nearer.
         """
         for_centre, for_angle, for_radius, for_stray, for_dog, for_scale = jax.random.split(key, 6)
-        least, most = map(math.log, self.scales)
-        scale = jnp.exp(jax.random.uniform(for_scale, minval=least, maxval=most))
+        small, large = map(math.log, self.scales)
+        scale = jnp.exp(jax.random.uniform(for_scale, minval=small, maxval=large))
         world = self._lived_in(scale)
         size = world.arena.size
         radius = herding.gathered_radius(self.world.flock, self.sheep)
         centre = size * jax.random.uniform(for_centre, (2,), minval=0.15, maxval=0.9)
         share = jnp.sqrt(jax.random.uniform(for_radius, (self.sheep,)))
         if self.skill == "collect":
-            apart = jax.random.uniform(for_stray, minval=1.2, maxval=3.2 / scale)
+            least, most = NEAREST_STRAY * radius, FURTHEST_STRAY * size
+            apart = jax.random.uniform(for_stray, minval=least, maxval=most) / radius
             share = share.at[0].set(apart)
         angle = jax.random.uniform(for_angle, (self.sheep,), maxval=2 * jnp.pi)
         around = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)

@@ -209,8 +209,11 @@ def learnt(curves: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[Findi
     """What came of the learning curves, from those of the paper's own lessons, a seed each."""
     told, good = [], []
     for name, seeds in curves.items():
-        early = np.array([reward[:10][-1] for _, reward in seeds])  # episodes 91 to 100
-        late = np.array([reward[-(len(reward) // 10 or 1) :].mean() for _, reward in seeds])
+        rewards = [reward for _, reward in seeds if len(reward)]
+        if not rewards:  # lessons so short that ten episodes did not end
+            return []
+        early = np.array([reward[:10][-1] for reward in rewards])  # episodes 91 to 100
+        late = np.array([reward[-(len(reward) // 10 or 1) :].mean() for reward in rewards])
         good.append(late.mean() >= PLATEAU)
         told.append(
             f"{name}: {early.mean():.3f} ± {early.std():.3f} after 100 episodes, "

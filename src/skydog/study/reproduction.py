@@ -146,9 +146,22 @@ def _hard(by_name: dict[str, Any]) -> Table:
 
 
 def _others(results: dict[str, Any]) -> Table:
-    head = ["scenario", "success", "steps", "steps, as a ratio to the least", "distance (m)"]
+    head = [
+        "scenario",
+        "success",
+        "steps",
+        "steps, as a ratio to the least",
+        "steps (GCM)",
+        "distance (m)",
+        "verdict",
+    ]
     everything = results["rows"] | results["others"]
-    return head, [[name, *_short(row["ours"])] for name, row in everything.items()]
+    body = []
+    for name, row in everything.items():
+        *steps, distance = _short(row["ours"])
+        centre = figure(row["ours"]["steps_gcm"], ".0f")
+        body.append([name, *steps, centre, distance, row.get("verdict", "—")])
+    return head, body
 
 
 def _differences(results: dict[str, Any]) -> Table:
