@@ -36,16 +36,17 @@ class NumpyLesson:
         self.gathered_radius = numbers["flock.spread"] * sheep ** (2 / 3)
         self.flight = numbers["dog.speed"] * numbers["arena.dt"]
         self.driving = numbers["dog.driving"] * math.sqrt(sheep)
-        self.size = numbers["arena.size"]
+        self.home = numbers["arena.size"]
         self.goal = complex(numbers["arena.goal_x"], numbers["arena.goal_y"])
-        self.lowest = -numbers["dog.airspace"]
-        self.highest = self.size + numbers["dog.airspace"]
+        self.beyond = numbers["dog.airspace"]
         self.horizon = numbers["lesson.horizon"]
-        self.least_offset = numbers["lesson.least_offset"]
-        self.most_offset = numbers["lesson.most_offset"]
+        self.smallest = math.log(numbers["lesson.smallest_scale"])
+        self.largest = math.log(numbers["lesson.largest_scale"])
+        self.reach = numbers["lesson.reach"]
         self.flock_share = numbers["lesson.flock_share"]
         self.nearer = numbers["lesson.nearer"]
         self.distance_cost = numbers["lesson.distance_cost"]
+        self.flight_cost = numbers["lesson.flight_cost"]
         self.count = sheep
         self.rng = np.random.default_rng()
 
@@ -53,7 +54,8 @@ class NumpyLesson:
         """Start as `Lesson.start` does; what the dog sees."""
         if seed is not None:
             self.rng = np.random.default_rng(seed)
-        x, y, dog_x, dog_y, offset, *others = self.rng.random(5 + 2 * self.count).tolist()
+        x, y, dog_x, dog_y, scale, *others = self.rng.random(5 + 2 * self.count).tolist()
+        self._live_at(math.exp(self.smallest + (self.largest - self.smallest) * scale))
         centre = self.size * complex(0.15 + 0.75 * x, 0.15 + 0.75 * y)
         sheep = []
         for share, turn in zip(others[: self.count], others[self.count :], strict=True):
@@ -61,24 +63,19 @@ class NumpyLesson:
             away = complex(math.cos(angle), math.sin(angle))
             one = centre + self.gathered_radius * math.sqrt(share) * away
             sheep.append(self._in_arena(one))
-        dog = self.size * complex(-0.1 + 1.2 * dog_x, -0.1 + 1.2 * dog_y)
-        return self._begin(
-            sheep,
-            self._in_airspace(dog),
-            [0j] * self.count,
-            self.least_offset + (self.most_offset - self.least_offset) * offset,
-            0,
-        )
+        away = self.reach * complex(2 * dog_x - 1, 2 * dog_y - 1)
+        dog = self._in_airspace(sum(sheep) / self.count + away)
+        return self._begin(sheep, dog, [0j] * self.count, 0)
 
     def set_state(
-        self, sheep: np.ndarray, dog: np.ndarray, force: np.ndarray, offset: float, steps: int
+        self, sheep: np.ndarray, dog: np.ndarray, force: np.ndarray, scale: float, steps: int
     ) -> np.ndarray:
         """Go on from any state: places in metres, forces as `State.force`; what the dog sees."""
+        self._live_at(float(scale))
         return self._begin(
             [vector(one) for one in sheep],
             vector(dog),
             [vector(one) for one in force],
-            float(offset),
             int(steps),
         )
 
@@ -91,14 +88,17 @@ class NumpyLesson:
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool]:
         """Fly one step: what the dog sees, the reward, and whether the time is over."""
         x, y = action.tolist()
+        if self.scale != 1.0:
+            x, y = math.tanh(x / self.scale), math.tanh(y / self.scale)
         velocity = complex(min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0))
-        was, far = self.distance, self.far
+        was, far, before = self.distance, self.far, self.dog
         self._move_sheep()
         self.dog = self._in_airspace(self.dog + self.flight * velocity)
         self.steps += 1
         seen = self._look()
         reward = was - self.distance + self.flock_share * (far - self.far)
-        reward -= self.distance_cost * self.distance
+        reward -= self.distance_cost * self.scale * self.distance
+        reward -= self.flight_cost * abs(self.dog - before)
         return seen, reward, self.steps >= self.horizon
 
     def _move_sheep(self) -> None:
@@ -126,11 +126,15 @@ class NumpyLesson:
         for i in range(count):
             sheep[i] = self._in_arena(sheep[i] + self.stride * self.force[i])
 
+    def _live_at(self, scale: float) -> None:
+        self.scale = scale
+        self.size = self.home / scale
+        self.lowest, self.highest = -self.beyond, self.size + self.beyond
+
     def _begin(
-        self, sheep: list[complex], dog: complex, force: list[complex], offset: float, steps: int
+        self, sheep: list[complex], dog: complex, force: list[complex], steps: int
     ) -> np.ndarray:
         self.sheep, self.dog, self.force = sheep, dog, force
-        self.behind = offset * self.driving
         self.steps = steps
         return self._look()
 
@@ -139,13 +143,12 @@ class NumpyLesson:
         centre = sum(self.sheep) / self.count
         from_goal = centre - self.goal
         from_centre = self.dog - centre
-        behind = self.behind * unit(from_goal)
+        behind = self.driving * unit(from_goal)
         from_point = self.dog - self._in_airspace(centre + behind)
         self.far = abs(from_goal)
         self.distance = abs(self.dog - self._in_airspace(centre + self.nearer * behind))
-        return np.array(
-            (from_centre.real, from_centre.imag, from_point.real, from_point.imag), np.float32
-        )
+        seen = (from_centre.real, from_centre.imag, from_point.real, from_point.imag)
+        return np.array([self.scale * number for number in seen], np.float32)
 
     def _in_arena(self, v: complex) -> complex:
         return complex(min(max(v.real, 0.0), self.size), min(max(v.imag, 0.0), self.size))

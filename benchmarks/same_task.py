@@ -43,15 +43,17 @@ def lesson() -> Lesson:
 
 def numbers(task: Lesson) -> dict[str, float]:
     """The world's parameters and the lesson's own, as `NumpyLesson` takes them."""
-    least, most = lessons.OFFSETS
+    smallest, largest = lessons.SCALES
     world = params.flatten(task.world)
     return {name: float(value) for name, value in world.items() if value is not None} | {
         "lesson.horizon": float(lessons.HORIZON[task.reward]),
-        "lesson.least_offset": least,
-        "lesson.most_offset": most,
+        "lesson.smallest_scale": smallest,
+        "lesson.largest_scale": largest,
+        "lesson.reach": lessons.REACH,
         "lesson.flock_share": lessons.FLOCK_SHARE,
         "lesson.nearer": lessons.NEARER,
         "lesson.distance_cost": lessons.DISTANCE_COST,
+        "lesson.flight_cost": lessons.FLIGHT_COST,
     }
 
 
@@ -80,7 +82,7 @@ def check(cases: int = 200, starts: int = 10_000, seed: int = 0) -> Agreement:
     far = {"observation": 0.0, "reward": 0.0, "state": 0.0}
     over = []
     for i in range(cases):
-        seen = ours.set_state(*_state(episodes, i), episodes.offset[i], episodes.step[i])
+        seen = ours.set_state(*_state(episodes, i), episodes.scale[i], episodes.step[i])
         again, reward, truncated = ours.step(actions[1, i])
         over.append(truncated)
         pairs = [
@@ -109,20 +111,21 @@ def _state(episodes: Episode, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _drawn(task: NumpyLesson) -> tuple[np.ndarray, np.ndarray, float]:
     task.reset()
     sheep, dog, _ = task.state()
-    return sheep, dog, task.behind / task.driving
+    return sheep, dog, task.scale
 
 
-def _describe(sheep: np.ndarray, dog: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """The ten numbers of each start: places, offset, and how far out the furthest sheep is."""
+def _describe(sheep: np.ndarray, dog: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """The ten numbers of each start: places, scale, and how far out the furthest sheep is."""
     reach = np.linalg.norm(sheep - sheep.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-    return np.column_stack([sheep.reshape(len(sheep), -1), dog, offset, reach])
+    numbers = np.column_stack([sheep.reshape(len(sheep), -1), dog, scale, reach])
+    return numbers.astype(np.float32)  # where many dogs start: at the edge of the airspace
 
 
 def _starts_p(begun: Episode, drawn: list[tuple[np.ndarray, np.ndarray, float]]) -> float:
-    state, offset = begun.state, np.asarray(begun.offset)
-    one = _describe(np.asarray(state.sheep), np.asarray(state.dogs)[:, 0], offset)
-    sheep, dogs, offsets = zip(*drawn, strict=True)
-    other = _describe(np.array(sheep), np.array(dogs), np.array(offsets))
+    state, scale = begun.state, np.asarray(begun.scale)
+    one = _describe(np.asarray(state.sheep), np.asarray(state.dogs)[:, 0], scale)
+    sheep, dogs, scales = zip(*drawn, strict=True)
+    other = _describe(np.array(sheep), np.array(dogs), np.array(scales))
     tests = [ks_2samp(*pair) for pair in zip(one.T, other.T, strict=True)]
     return min(float(test.pvalue) for test in tests)  # pyright: ignore[reportAttributeAccessIssue]
 

@@ -249,11 +249,15 @@ def test_no_update_is_made_before_a_whole_batch_is_remembered():
         assert int(training.agent.updates) == updates
 
 
+def kicked(*kick: float) -> ddpg.Chance:
+    return ddpg.Chance(kick=jnp.array(kick), picks=jnp.zeros(SMALL.batch))
+
+
 def test_exploring_adds_the_noise_and_stays_within_the_commands():
     agent = ddpg.init(jax.random.key(0), 3, 2, SMALL)
     seen = jnp.array([0.1, -0.2, 0.3])
-    quiet, action = ddpg.explore(agent, seen, SMALL, jnp.array([0.5, -0.5]))
+    quiet, action = ddpg.explore(agent, seen, SMALL, kicked(0.5, -0.5))
     np.testing.assert_allclose(action, agent.actor(seen) + quiet.noise, rtol=1e-6)
     np.testing.assert_allclose(quiet.noise, [0.1, -0.1], rtol=1e-6)
-    _, wild = ddpg.explore(agent, seen, SMALL, jnp.array([100.0, -100.0]))
+    _, wild = ddpg.explore(agent, seen, SMALL, kicked(100.0, -100.0))
     assert wild.tolist() == [1.0, -1.0]

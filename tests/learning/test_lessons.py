@@ -17,6 +17,8 @@ from skydog.world.params import preset
 WORLD = preset("paper", 4.0)
 SIX = preset("paper", 6.0)
 SKILLS = ("collect", "drive")
+# Out of the dog's sight, so that sheep and subgoal stand still.
+FAR = ([[0.5, 0.5], [1.6, 0.5], [0.5, 1.6]], [4.5, 4.5])
 STARTS = 500
 
 step = eqx.filter_jit(lambda lesson, episode, action: lesson.step(episode, action))
@@ -47,10 +49,10 @@ def to_the_subgoal(lesson, episode):
     return jnp.clip(-lesson.observe(episode)[2:] / 0.1, -1.0, 1.0)
 
 
-def an_episode(sheep, dog, offset=1.0):
+def an_episode(sheep, dog, scale=1.0):
     return Episode(
         state=mission.start(jnp.array(sheep, jnp.float32), jnp.array([dog], jnp.float32)),
-        offset=jnp.asarray(offset),
+        scale=jnp.asarray(scale),
         step=jnp.asarray(0),
         arrived=jnp.asarray(False),
     )
@@ -69,25 +71,33 @@ def test_every_start_is_a_legal_one(world, skill):
     begun = starts(Lesson(world, skill))
     size, edge = world.arena.size, world.dog.airspace
     sheep, dogs = np.asarray(begun.state.sheep), np.asarray(begun.state.dogs)
+    size = np.asarray(size / begun.scale)[:, None, None]  # of the arena that each is lived in
     assert sheep.shape == (STARTS, 3, 2)
     assert dogs.shape == (STARTS, 1, 2)
-    assert sheep.min() >= 0.0
-    assert sheep.max() <= size
-    assert dogs.min() >= -edge
-    assert dogs.max() <= np.float32(size + edge)
-    assert begun.offset.min() >= lessons.OFFSETS[0]
-    assert begun.offset.max() <= lessons.OFFSETS[1]
+    assert np.all(sheep >= 0.0)
+    assert np.all(sheep <= size * (1 + 1e-6))
+    assert np.all(dogs >= np.float32(-edge))
+    assert np.all(dogs <= (size + edge) * (1 + 1e-6))
+    assert begun.scale.min() >= np.float32(lessons.SCALES[0])
+    assert begun.scale.max() <= np.float32(lessons.SCALES[1])
     assert not begun.step.any()
     assert not begun.arrived.any()
     assert not begun.state.force.any()
 
 
-def test_starts_differ_and_reach_the_whole_arena_and_every_offset():
+def test_starts_differ_and_reach_the_whole_arena_and_every_scale():
     begun = starts(Lesson(WORLD, "drive"))
-    assert len(np.unique(np.asarray(begun.state.dogs)[:, 0, 0])) > 0.9 * STARTS
-    assert np.ptp(np.asarray(begun.state.sheep), axis=(0, 1)).min() > 3.5
-    assert begun.offset.min() < 0.35
-    assert begun.offset.max() > 1.15
+    assert len(np.unique(np.asarray(begun.state.dogs)[:, 0, 0])) > 0.8 * STARTS
+    share = np.asarray(begun.state.sheep * begun.scale[:, None, None]) / 4.0
+    assert np.ptp(share, axis=(0, 1)).min() > 0.85
+    assert begun.scale.min() < 0.11
+    assert begun.scale.max() > 1.3
+
+
+def test_lessons_at_one_scale_are_all_lived_in_the_lessons_own_arena():
+    begun = starts(Lesson(WORLD, "collect", scales=(1.0, 1.0)))
+    assert np.unique(begun.scale).tolist() == [1.0]
+    assert begun.state.sheep.max() <= 4.0
 
 
 @pytest.mark.parametrize("world", [WORLD, SIX], ids=["4x4", "6x6"])
@@ -112,7 +122,7 @@ def shown(monkeypatch):
     called = Actor.__call__
 
     def noting(self, observation):
-        seen.append(np.asarray(observation[0]))
+        seen.append(np.asarray(observation).reshape(-1, 4)[0])
         return called(self, observation)
 
     monkeypatch.setattr(Actor, "__call__", noting)
@@ -120,32 +130,49 @@ def shown(monkeypatch):
 
 
 @pytest.mark.parametrize("skill", SKILLS)
-def test_a_lesson_at_full_offset_shows_what_a_sheepdog_sees(skill, shown):
-    lesson = Lesson(WORLD, skill)
+@pytest.mark.parametrize("arena", [4.0, 6.0, 20.0])
+def test_a_lesson_shows_and_flies_what_a_sheepdog_does_in_an_arena_of_its_scale(
+    skill, arena, shown
+):
+    xi, world = 4.0 / arena, preset("paper", arena)
+    lesson = Lesson(WORLD, skill, scales=(xi, xi))
     actor = Actor(4, 2, (3,), jax.random.key(0))
     sheepdog = Sheepdog(actor, actor, 4.0)
     compared = 0
-    for key in jax.random.split(jax.random.key(1), 20):
-        episode = replace(lesson.start(key), offset=jnp.asarray(1.0))
-        if bool(herding.gathered(WORLD.flock, episode.state.sheep)) != (skill == "drive"):
+    for key in jax.random.split(jax.random.key(1), 8):
+        episode = replace(lesson.start(key), scale=jnp.asarray(xi))
+        state = episode.state
+        if bool(herding.gathered(world.flock, state.sheep)) != (skill == "drive"):
             continue
         compared += 1
-        seen = np.asarray(lesson.observe(episode))
-        sheepdog(WORLD, episode.state)
-        np.testing.assert_allclose(shown[-1], seen, atol=1e-6)
-        centre = np.asarray(episode.state.sheep).mean(axis=0)
-        np.testing.assert_allclose(seen[:2], episode.state.dogs[0] - centre, atol=1e-6)
-    assert compared > 5
+        seen = lesson.observe(episode)
+        flown = sheepdog(world, state)
+        np.testing.assert_allclose(shown[-1], seen, rtol=1e-5, atol=1e-6)
+        after, _ = lesson.step(episode, actor(seen))
+        expected = mission.step(world, state, flown)
+        np.testing.assert_allclose(after.state.dogs, expected.dogs, rtol=1e-5, atol=1e-6)
+    assert compared > 1
 
 
-@pytest.mark.parametrize("offset", [0.3, 1.0, 1.2])
-def test_the_offset_says_how_far_behind_the_flock_the_subgoal_lies(offset):
-    sheep, dog = [[2.0, 2.0], [2.3, 2.0], [2.0, 2.3]], [1.0, 3.0]
+@pytest.mark.parametrize("scale", [0.2, 1.0, 1.3])
+def test_the_scale_shrinks_what_is_seen(scale):
+    sheep, dog = [[2.0, 2.0], [2.3, 2.0], [2.0, 2.3]], [1.0, 2.9]
     centre = np.mean(sheep, axis=0)
-    behind = centre / np.linalg.norm(centre)
-    seen = Lesson(WORLD, "drive").observe(an_episode(sheep, dog, offset))
-    point = centre + offset * np.sqrt(3) * behind
-    np.testing.assert_allclose(seen[2:], np.array(dog) - point, atol=1e-5)
+    point = centre + np.sqrt(3) * centre / np.linalg.norm(centre)
+    seen = Lesson(WORLD, "drive").observe(an_episode(sheep, dog, scale))
+    expected = scale * np.concatenate([dog - centre, dog - point])
+    np.testing.assert_allclose(seen, expected, atol=1e-5)
+
+
+def test_a_step_of_fixed_length_is_not_stretched():
+    still = an_episode(*FAR, 0.2)
+    ends = {
+        stretches: Lesson(WORLD, "drive", stretches=stretches).step(still, jnp.array([0.5, 0.0]))[0]
+        for stretches in (True, False)
+    }
+    moved = {key: float(end.state.dogs[0, 0]) - FAR[1][0] for key, end in ends.items()}
+    assert moved[False] == pytest.approx(0.05, abs=1e-5)
+    assert moved[True] == pytest.approx(0.1 * np.tanh(0.5 / 0.2), abs=1e-5)
 
 
 # How it pays
@@ -157,28 +184,30 @@ SCENES = [
 ]
 
 
-def by_hand(sheep, dog, skill, offset):
+def by_hand(sheep, dog, skill, aim):
     """Centre, stray and subgoal, from positions."""
     centre = sheep.mean(axis=0)
     stray = np.argmax(np.linalg.norm(sheep - centre, axis=1))
     if skill == "drive":
-        subgoal = centre + offset * np.sqrt(3) * centre / np.linalg.norm(centre)
+        subgoal = centre + aim * np.sqrt(3) * centre / np.linalg.norm(centre)
     else:
         outward = (sheep[stray] - centre) / np.linalg.norm(sheep[stray] - centre)
-        subgoal = sheep[stray] + offset * outward
-    return centre, stray, np.clip(subgoal, -1.4, 5.4)
+        subgoal = sheep[stray] + aim * outward
+    return centre, stray, np.clip(subgoal, -1.4, 6.4)
 
 
 @pytest.mark.parametrize("skill", SKILLS)
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("action", [(1.0, -0.5), (-0.7, -1.0), (0.0, 0.0)])
-def test_progress_pays_metres_gained_on_the_subgoal_and_by_the_flock(skill, scene, action):
-    offset = 0.8
-    before = an_episode(*scene, offset)  # pyright: ignore[reportCallIssue]
+def test_progress_pays_metres_gained_on_the_subgoal_and_by_the_flock_less_what_it_costs(
+    skill, scene, action
+):
+    scale = 0.8  # lived in an arena of 5 m
+    before = an_episode(*scene, scale)  # pyright: ignore[reportCallIssue]
     after, outcome = step(Lesson(WORLD, skill), before, jnp.array(action))
     sheep, dog = (np.asarray(part, float) for part in (before.state.sheep, before.state.dogs[0]))
     sheep2, dog2 = (np.asarray(part, float) for part in (after.state.sheep, after.state.dogs[0]))
-    aim = offset * lessons.NEARER
+    aim = lessons.NEARER
     centre, stray, subgoal = by_hand(sheep, dog, skill, aim)
     centre2, _, subgoal2 = by_hand(sheep2, dog2, skill, aim)
     was, now = np.linalg.norm(dog - subgoal), np.linalg.norm(dog2 - subgoal2)
@@ -186,11 +215,9 @@ def test_progress_pays_metres_gained_on_the_subgoal_and_by_the_flock(skill, scen
         gain = np.linalg.norm(centre) - np.linalg.norm(centre2)
     else:
         gain = np.linalg.norm(sheep[stray] - centre) - np.linalg.norm(sheep2[stray] - centre)
-    np.testing.assert_allclose(outcome.reward, was - now + 4.0 * gain - 0.1 * now, atol=1e-5)
-
-
-# Out of the dog's sight, so that sheep and subgoal stand still.
-FAR = ([[0.5, 0.5], [1.6, 0.5], [0.5, 1.6]], [4.5, 4.5])
+    flight = np.linalg.norm(dog2 - dog)
+    paid = was - now + 4.0 * gain - 0.1 * scale * now - 0.5 * flight
+    np.testing.assert_allclose(outcome.reward, paid, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -219,7 +246,7 @@ def test_an_idle_dog_games_the_papers_reward_and_a_diligent_one_earns_less():
 
 @pytest.mark.parametrize("skill", SKILLS)
 def test_progress_pays_an_idle_dog_far_less_than_one_that_flies_to_its_subgoal(skill):
-    lesson = Lesson(WORLD, skill)
+    lesson = Lesson(WORLD, skill, scales=(1.0, 1.0))
     begun = jax.tree.map(lambda leaf: leaf[:30], starts(lesson))
 
     def earned(pilot):
@@ -227,9 +254,9 @@ def test_progress_pays_an_idle_dog_far_less_than_one_that_flies_to_its_subgoal(s
         return fly(begun, lessons.HORIZON["progress"])[0].reward.sum(axis=1)
 
     lazy, diligent = np.asarray(earned(idle)), np.asarray(earned(to_the_subgoal))
-    assert lazy.max() <= 0.1  # the flock may come together by itself, by centimetres
+    assert lazy.max() <= 0.2  # the flock may come together by itself, by centimetres
     assert np.mean(diligent > lazy) > 0.8
-    assert diligent.mean() > lazy.mean() + 10.0
+    assert diligent.mean() > lazy.mean() + 5.0
 
 
 # How it ends
@@ -243,7 +270,7 @@ def test_an_outcome_is_never_both_terminated_and_truncated(skill, reward):
     ends = 0
     for distance in (0.05, 0.2, 0.339, 0.341, 3.0):
         episode = lesson.start(jax.random.key(5))
-        subgoal = episode.state.dogs[0] - lesson.observe(episode)[2:]
+        subgoal = episode.state.dogs[0] - lesson.observe(episode)[2:] / episode.scale
         there = replace(episode.state, dogs=(subgoal + jnp.array([distance, 0.0]))[None])
         last = replace(episode, state=there, step=jnp.asarray(horizon - 1))
         _, outcome = step(lesson, last, jnp.zeros(2))
@@ -252,14 +279,14 @@ def test_an_outcome_is_never_both_terminated_and_truncated(skill, reward):
     assert (ends > 0) == (reward == "paper")
 
 
-def test_a_progress_lesson_goes_on_after_arrival_for_200_steps():
+def test_a_progress_lesson_goes_on_after_arrival_for_50_steps():
     lesson = Lesson(WORLD, "drive")
-    outcome, distance = flown(lesson, to_the_subgoal, an_episode(*FAR), 200)
-    assert (distance[:199] <= lessons.ARRIVAL).any()
+    outcome, distance = flown(lesson, to_the_subgoal, an_episode(*FAR), 50)
+    assert (distance[:49] <= lessons.ARRIVAL).any()
     assert not outcome.terminated.any()
-    assert np.flatnonzero(outcome.truncated).tolist() == [199]
+    assert np.flatnonzero(outcome.truncated).tolist() == [49]
     arrived = int(np.argmax(outcome.success))
-    assert 0 < arrived < 199
+    assert 0 < arrived < 49
     assert outcome.success[arrived:].all()
 
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from skydog.errors import Refusal
-from skydog.study.cases import PAPER_LAYOUT, cases
+from skydog.study.cases import PAPER_LAYOUT, as_table, cases, shipped
 from skydog.world import herding
 from skydog.world.params import preset
 
@@ -57,3 +57,27 @@ def test_cases_that_cannot_be_are_refused_with_the_bad_value_and_the_remedy(aske
         cases(WORLD, **asked)
     assert bad in str(refusal.value)
     assert remedy in str(refusal.value)
+
+
+# The cases that ship
+
+
+@pytest.mark.parametrize(
+    ("name", "drawn"), [("paper", (30, "paper", 0)), ("hard", (1000, "random", 1))]
+)
+@pytest.mark.parametrize("arena", [4.0, 6.0])
+def test_shipped_cases_are_those_that_are_drawn_bit_for_bit(name, drawn, arena):
+    world = preset("paper", arena)
+    there, here = shipped(world, name), cases(world, *drawn)
+    assert np.array_equal(there.sheep, here.sheep)
+    assert np.array_equal(there.dogs, here.dogs)
+
+
+def test_cases_survive_their_table():
+    world = preset("paper", 4.0)
+    drawn = cases(world, 5, "random", seed=3)
+    head, *rows = as_table(world, drawn).splitlines()
+    assert head.split(",")[:3] == ["dog_x", "dog_y", "sheep1_x"]
+    shares = np.array([row.split(",") for row in rows], np.float32).reshape(5, 4, 2)
+    np.testing.assert_array_equal(4.0 * shares[:, :1], drawn.dogs)
+    np.testing.assert_array_equal(4.0 * shares[:, 1:], drawn.sheep)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skydog.study.statistics import summary
+from skydog.study.statistics import paired, share, summary
 
 
 def test_the_mean_and_the_sample_deviation_of_a_known_sample():
@@ -47,3 +47,25 @@ def test_the_interval_is_finite_lies_within_the_sample_and_contains_the_mean(val
     slack = 1e-6 * (1 + mean)
     assert min(values) - slack <= low <= mean + slack
     assert mean - slack <= high <= max(values) + slack
+
+
+def test_thirty_successes_of_thirty_leave_room_for_a_failure():
+    # Wilson 1927: for n of n the interval is [n / (n + z²), 1].
+    found, (low, high) = share(30, 30)
+    assert found == 1.0
+    assert low == pytest.approx(30 / (30 + 1.959964**2), rel=1e-5)
+    assert high == pytest.approx(1.0)
+
+
+def test_shares_of_success_and_failure_mirror_each_other():
+    (one, interval), (other, mirrored) = share(7, 30), share(23, 30)
+    assert one == pytest.approx(1 - other)
+    np.testing.assert_allclose(interval, [1 - mirrored[1], 1 - mirrored[0]])
+
+
+def test_paired_differences_see_what_the_cases_share_and_separate_means_do_not():
+    case = np.random.default_rng(0).normal(100.0, 30.0, 30)
+    found = paired(case - 3.0 + 0.1 * np.arange(30), case)
+    assert found["mean"] == pytest.approx(np.mean(0.1 * np.arange(30)) - 3.0)
+    assert found["ci95"][1] < 0.0
+    assert summary(case)["ci95"][1] - summary(case)["ci95"][0] > 15.0

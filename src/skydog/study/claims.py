@@ -22,6 +22,7 @@ UNITS = {
 # The lines of the transfer study that fly every seed: lessons at all scales, and at one.
 ALL_SCALES = "all seeds, through ξ"
 ONE_SCALE = "all seeds, lessons at one scale, through ξ"
+FURTHER = ("8", "10", "15", "20")  # metres
 PLATEAU = 0.085  # paper, "Training": the reward per action at which its models converge
 
 
@@ -191,16 +192,21 @@ def carried_over(moved: dict[str, dict[str, Any]]) -> list[Finding]:
     if ONE_SCALE not in moved:
         return []
     plain, ours = moved[ONE_SCALE]["6"], moved[ALL_SCALES]["6"]
+
+    def further(line: str) -> str:
+        return ", ".join(f"{moved[line][size]['success']:.1%} in {size} m" for size in FURTHER)
+
     found = Finding(
         "What is learnt in 4 × 4 herds in 6 × 6 through ξ",
         "Success of 100 % for H-DDPG-4×4to6×6.",
         "reproduced" if plain["success"] >= 29 / 30 else "not reproduced",
         f"With lessons at one scale, as the paper has them, {plain['success']:.1%} of "
         f"{plain['cases']} missions {_interval(plain)}; with lessons lived at scales from 0.1 to "
-        f"1.4, {ours['success']:.1%} of {ours['cases']} {_interval(ours)}. ξ scales distances, but "
-        "not the flock: what it misses by at home, 1/ξ magnifies, and a dog that stands a few "
-        "centimetres too far from its sheep moves nothing. Lessons with the flock at every scale "
-        "cure that, which is to say that a dog which herds through ξ has met smaller flocks.",
+        f"1.4, {ours['success']:.1%} of {ours['cases']} {_interval(ours)}. In larger arenas the "
+        f"first fail: {further(ONE_SCALE)}; the second: {further(ALL_SCALES)}. ξ scales distances, "
+        "but not the flock: what a skill misses by at home, 1/ξ magnifies, and a dog that stands a "
+        "few centimetres too far from its sheep moves nothing. Lessons with the flock at every "
+        "scale cure that: the dog that herds in a large arena has met small flocks in its own.",
     )
     return [found]
 

@@ -11,7 +11,7 @@ from skydog.study import evaluate
 from skydog.study.cases import shipped
 from skydog.world import params
 
-ARENAS = (3, 4, 5, 6, 8, 10, 12, 15, 20)  # metres
+ARENAS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0)  # metres
 
 
 def scaled(sheepdog: Sheepdog, arena: float) -> Sheepdog:
@@ -21,7 +21,7 @@ def scaled(sheepdog: Sheepdog, arena: float) -> Sheepdog:
 
 def unscaled(sheepdog: Sheepdog, arena: float) -> Sheepdog:
     """The sheepdog, its ξ taken away: it believes that it learnt in this arena."""
-    return eqx.tree_at(lambda dog: dog.arena, sheepdog, float(arena))
+    return eqx.tree_at(lambda dog: dog.arena, sheepdog, arena)
 
 
 def sweep(
@@ -32,7 +32,7 @@ def sweep(
     """Fly sheepdogs through the 30 cases in each arena; the row of figures of all, by arena."""
     rows = {}
     for arena in arenas:
-        world = params.preset("paper", float(arena))
+        world = params.preset("paper", arena)
         starts = shipped(world, "paper")
         flown = [
             evaluate.measure(evaluate.fly(world, carried(dog, arena), starts)) for dog in sheepdogs

@@ -50,6 +50,6 @@ def _mirrored(interval: list[float]) -> list[float]:
     return [-interval[1], -interval[0]]
 
 
-def _interval(printed: dict[str, float]) -> list[float]:
+def _interval(printed: dict[str, Any]) -> list[float]:
     reach = stats.t.ppf(0.975, paper.CASES - 1) * printed["sd"] / np.sqrt(paper.CASES)
     return [printed["mean"] - float(reach), printed["mean"] + float(reach)]
