@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test lint format bench seeds lock clean
+.PHONY: help herd test lint format bench reproduce zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -26,8 +26,12 @@ format: $(VENV)/dev.stamp  ## Put the code into its format
 bench: $(VENV)/run.stamp $(VENV)-peers/stamp  ## Compare training speed with Stable-Baselines3
 	$(BIN)/python benchmarks/training_speed.py --out docs/training_speed.md
 
-seeds: $(VENV)/run.stamp  ## Make docs/seeds.md: ten sheepdogs for each reward
-	$(BIN)/python benchmarks/seeds.py --out docs/seeds.md
+reproduce: $(VENV)/run.stamp  ## Regenerate the paper's simulation study, and docs/reproduces.md
+	$(BIN)/skydog reproduce $(ARGS)
+	cp runs/reproduce/reproduces.md runs/reproduce/*.png docs
+
+zoo:  ## Ship the sheepdogs that make reproduce chose
+	cp runs/reproduce/zoo/* src/skydog/shepherds/zoo
 
 lock: $(VENV)/dev.stamp  ## Resolve the dependencies anew
 	$(BIN)/python -m pip install uv

@@ -11,12 +11,13 @@ from pathlib import Path
 import jax
 import pytest
 
-from skydog import herd, words
+from skydog import teaching, words
 from skydog.errors import Refusal
 from skydog.learning import ddpg, lessons, train, workers
+from skydog.learning.course import Course
 from skydog.world.params import preset
 
-COURSE = herd.Course(steps=2_000)
+COURSE = Course(steps=2_000)
 SKYDOG = [sys.executable, "-m", "skydog.cli"]
 
 
@@ -56,19 +57,19 @@ def test_a_run_folder_holds_everything(run):
         "report.html",
         "results.json",
         "results.md",
-        *(f"{s}/{f}" for s in herd.SKILLS for f in ("checkpoint.safetensors", "curve.csv")),
+        *(f"{s}/{f}" for s in teaching.SKILLS for f in ("checkpoint.safetensors", "curve.csv")),
         *(f"traces/{name}.safetensors" for name in printed),
     }
 
 
-@pytest.mark.parametrize("skill", herd.SKILLS)
+@pytest.mark.parametrize("skill", teaching.SKILLS)
 def test_a_worker_teaches_what_is_taught_in_process_with_its_seed(run, skill):
     out, _ = run
     task = lessons.Lesson(preset("paper", 4.0), skill)
     seed = 1 if skill == "drive" else 0
     here, _ = train.train(task, ddpg.Config(), seed, COURSE.steps)
-    sheepdog, histories = herd.fuse(COURSE, out, 0)
-    assert len(histories[skill].length) == 10
+    sheepdog, histories = teaching.fuse(COURSE, out, 0)
+    assert len(histories[skill].length) == 40
     for mine, theirs in zip(
         jax.tree.leaves(here.agent.skill), jax.tree.leaves(getattr(sheepdog, skill)), strict=True
     ):
@@ -88,12 +89,11 @@ def test_a_sheepdog_that_was_written_is_flown_again_to_the_same_figures(run):
 
 
 def a_job(folder: Path, skill: words.Skill = "drive", **options) -> workers.Job:
-    given = {"preset": "paper", "arena": 4.0, "sheep": 3, "reward": "progress", "seed": 0}
-    return workers.Job(skill=skill, steps=2_000, folder=folder / skill, **(given | options))
+    return workers.Job(Course(steps=2_000, **options), skill, 0, folder / skill)
 
 
 def test_both_trainings_report_and_finish(tmp_path):
-    jobs = [a_job(tmp_path, skill) for skill in herd.SKILLS]
+    jobs = [a_job(tmp_path, skill) for skill in teaching.SKILLS]
     heard = []
     assert workers.run(jobs, heard.append)
     for job in jobs:
@@ -109,10 +109,10 @@ def test_a_job_that_is_refused_is_refused_here_too(tmp_path):
 
 def test_a_listener_that_fails_ends_the_workers_too(tmp_path):
     code = (
-        "from pathlib import Path; from skydog.learning import workers\n"
+        "from pathlib import Path; from skydog.learning import course, workers\n"
         "def fails(news): raise OSError('disk full')\n"
         "if __name__ == '__main__':\n"
-        "    job = workers.Job('paper', 4.0, 3, 'drive', 'progress', 0, 10**9, Path('drive'))\n"
+        "    job = workers.Job(course.Course(steps=10**9), 'drive', 0, Path('drive'))\n"
         "    workers.run([job], fails)\n"
     )
     (tmp_path / "main.py").write_text(code)
@@ -157,7 +157,7 @@ def interrupted(out: Path, *options: str) -> tuple[int, str]:
 
 def steps_done(out: Path) -> list[int]:
     done = []
-    for job in COURSE.jobs(out, 0, resume=True):
+    for job in teaching.jobs(COURSE, out, 0, resume=True):
         if not train.checkpoint_in(job.folder).exists():
             continue  # one core: it waits for the other
         task = lessons.Lesson(COURSE.world(), job.skill)

@@ -22,6 +22,7 @@ from skydog.study.claims import Measured
 from skydog.study.traces import save
 from skydog.view import figures, replay
 from skydog.view.figures import Curve
+from skydog.words import Starts
 from skydog.world import params
 from skydog.world.mission import Shepherd, Trace
 from skydog.world.params import World
@@ -155,11 +156,11 @@ def best(dogs: list[Sheepdog], arenas: tuple[float, ...]) -> int:
             for world, starts in places
         )
 
-    places = []
-    for arena in arenas:
-        world = params.preset("paper", arena)
-        for sort in ("paper", "random"):
-            places.append((world, cases(world, CHOSEN_BY, sort, CHOSEN_SEED)))
+    sorts: tuple[Starts, ...] = ("paper", "random")
+    worlds = [params.preset("paper", arena) for arena in arenas]
+    places = [
+        (world, cases(world, CHOSEN_BY, sort, CHOSEN_SEED)) for world in worlds for sort in sorts
+    ]
     return int(np.argmin([steps(dog) for dog in dogs]))
 
 
@@ -280,8 +281,8 @@ def transferred(taught: Taught, dogs: dict[str, Sheepdog]) -> Results:
     natives = {size: f"H-DDPG-{size:g}x{size:g}" for size in transfer.ARENAS}
     dog = dogs["H-DDPG-4x4"]
     lines = {
-        reproduction.SCALED: lambda: transfer.sweep([dog], transfer.scaled),
-        reproduction.UNSCALED: lambda: transfer.sweep([dog], transfer.unscaled),
+        reproduction.SCALED: lambda: transfer.sweep([dog], transfer.scaled, transfer.ARENAS),
+        reproduction.UNSCALED: lambda: transfer.sweep([dog], transfer.unscaled, transfer.ARENAS),
         reproduction.NATIVE: lambda: {
             arena: row
             for size, name in natives.items()
@@ -291,18 +292,23 @@ def transferred(taught: Taught, dogs: dict[str, Sheepdog]) -> Results:
     }
     for line, name in reproduction.ALL_SEEDS.items():
         if len(seeds := taught.dogs.get(name, [])) > 1:
-            lines[line] = lambda seeds=seeds: transfer.sweep(seeds, transfer.scaled)
+            lines[line] = lambda seeds=seeds: transfer.sweep(
+                seeds, transfer.scaled, transfer.ARENAS
+            )
     return {line: fly() for line, fly in console.counted("Flying in other arenas", lines.items())}
 
 
 def seeds_of(taught: Taught) -> Results:
-    """Every seed of the kinds of which one was chosen, at home on the 30 cases."""
+    """Every seed of each kind, at home on the 30 cases."""
+    several = {
+        name: dogs for name, dogs in taught.dogs.items() if len(dogs) > 1 or name in taught.chosen
+    }
     found = {}
-    for name, chosen in taught.chosen.items():
-        world = params.preset("paper", float(taught.dogs[name][0].arena))
+    for name, dogs in console.counted("Flying every seed", several.items()):
+        world = params.preset("paper", float(dogs[0].arena))
         starts = shipped(world, "paper")
-        figures = [evaluate.row(evaluate.fly(world, dog, starts)) for dog in taught.dogs[name]]
-        found[name] = {"chosen": chosen, "rows": figures}
+        rows = [evaluate.row(evaluate.fly(world, dog, starts)) for dog in dogs]
+        found[name] = {"chosen": taught.chosen.get(name), "rows": rows}
     return found
 
 

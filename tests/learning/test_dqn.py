@@ -69,9 +69,8 @@ def test_the_gradient_moves_the_value_of_the_action_taken_towards_reward_and_dis
     # Adam's first step is the learning rate along each sign of the slope: of the last bias,
     # by hand.
     slope = np.array([2 * np.sum((was - target)[taken == a]) / 8 for a in range(4)])
-    moved = np.asarray(
-        after.network.layers.linears[-1].bias - agent.network.layers.linears[-1].bias
-    )
+    then, before = (one.network.layers.linears[-1].bias for one in (after, agent))
+    moved = np.asarray(then) - np.asarray(before)
     np.testing.assert_allclose(moved, -SMALL.rate * np.sign(slope), rtol=1e-3)
 
 

@@ -32,10 +32,10 @@ def uninterrupted():
 
 @pytest.fixture
 def stopped(tmp_path):
-    """The folder of a training that was stopped at 1500 of 2500 steps."""
+    """The folder of a training that was stopped at 1545 of 2500 steps."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train, "CHUNK", 500)
-        run(tmp_path, listen=lambda news: news.step < 1_500)
+        patch.setattr(train, "CHUNK", 515)
+        run(tmp_path, listen=lambda news: news.step < 1_545)
     return tmp_path
 
 
@@ -65,7 +65,7 @@ def digest(training) -> str:
 def test_a_stopped_run_resumes_bit_for_bit(stopped, uninterrupted):
     resumed = run(stopped, resume=True)
     assert int(resumed[0].step) == STEPS
-    assert len(resumed[1].reward) == 12
+    assert len(resumed[1].reward) == 50
     assert_the_same_run(resumed, uninterrupted)
 
 
@@ -117,10 +117,10 @@ def test_a_stop_is_heard_after_the_chunk_in_hand_and_kept(stopped):
     blank = train.init(LESSON, CONFIG, jax.random.key(0))
     card = {**CARD, "seed": 4}
     training, history = train.load(stopped, blank, card)
-    assert int(training.step) == 1_500
-    assert int(training.memory.written) == 1_500
-    assert history.length.tolist() == [200] * 7
-    assert int(training.length) == 100
+    assert int(training.step) == 1_545
+    assert int(training.memory.written) == 1_545
+    assert history.length.tolist() == [50] * 30
+    assert int(training.length) == 45
 
 
 # What is refused
@@ -215,7 +215,7 @@ def test_a_listener_hears_of_every_chunk(monkeypatch, uninterrupted):
     _, history = run(listen=lambda news: heard.append(news) or True)
     assert [news.step for news in heard] == [1_000, 2_000, 2_500]
     assert {news.steps for news in heard} == {STEPS}
-    assert [news.episodes for news in heard] == [5, 10, 12]
+    assert [news.episodes for news in heard] == [20, 40, 50]
     last = slice(-10, None)
     mean = history.reward[last].sum() / history.length[last].sum()
     assert np.isclose(heard[-1].reward_per_action, mean)
@@ -223,7 +223,7 @@ def test_a_listener_hears_of_every_chunk(monkeypatch, uninterrupted):
 
 
 def test_checkpoints_are_written_on_the_way(monkeypatch, tmp_path):
-    monkeypatch.setattr(train, "CHUNK", 500)
+    monkeypatch.setattr(train, "CHUNK", 515)
     monkeypatch.setattr(train, "CHECKPOINT", 1_000)
     sizes = []
     checkpoint = train.checkpoint_in(tmp_path)

@@ -10,7 +10,7 @@ from skydog import files
 from skydog.errors import Refusal
 from skydog.learning import ddpg, train
 from skydog.learning.lessons import Lesson
-from skydog.networks import Actor
+from skydog.networks import Actor, Chooser
 from skydog.shepherds import store
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 from skydog.world import mission
@@ -63,6 +63,45 @@ def test_a_sheepdog_comes_back_exactly_and_flies_the_same(tmp_path, arena):
         assert np.array_equal(dog(WORLD, state), back(WORLD, state))
 
 
+def test_a_sheepdog_of_four_actions_comes_back_as_one(tmp_path):
+    collect, drive = (Chooser(4, 2, (5,), jax.random.key(seed)) for seed in range(2))
+    dog = Sheepdog(collect, drive, 4.0)
+    store.save(tmp_path / store.FILE, dog, FROM)
+    back, card = store.read(tmp_path)
+    assert card["policy"] == "chooser"
+    for key in jax.random.split(jax.random.key(5), 10):
+        state = mission.reset(WORLD, key)
+        flown = back(WORLD, state)
+        assert np.array_equal(dog(WORLD, state), flown)
+        assert sorted(np.abs(flown[0]).tolist()) == [0.0, 1.0]
+
+
+def test_a_policy_of_an_unknown_kind_is_refused(saved):
+    arrays, card = files.load_arrays(saved, "sheepdog")
+    files.save_arrays(saved, arrays, card | {"policy": "oracle"})
+    assert "oracle" in refusal(saved)
+
+
+@pytest.mark.parametrize("name", ["h-ddpg-4x4", "H-DDPG-6x6", "dhrl-4x4", "dhrl-6x6"])
+def test_a_sheepdog_that_ships_is_found_by_its_name(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    dog, card = store.read(name)
+    assert card["name"].lower() == name.lower()
+    assert float(dog.arena) == float(name[-1])
+
+
+def test_a_run_folder_is_nearer_than_the_zoo(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    store.save(tmp_path / "h-ddpg-4x4" / store.FILE, a_sheepdog(arena=9.0), FROM)
+    assert store.load("h-ddpg-4x4").arena == 9.0
+
+
+def test_an_unknown_name_is_refused_with_those_that_ship(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(Refusal, match=r"no sheepdog is called rex.*h-ddpg-4x4"):
+        store.load("rex")
+
+
 def test_the_card_says_where_a_sheepdog_comes_from_and_what_it_sees(saved):
     _, card = store.read(saved)
     assert card == {
@@ -70,6 +109,7 @@ def test_the_card_says_where_a_sheepdog_comes_from_and_what_it_sees(saved):
         "observes": list(OBSERVES),
         "commands": list(COMMANDS),
         "arena": 4.0,
+        "policy": "actor",
         **FROM,
     }
 

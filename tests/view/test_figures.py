@@ -35,7 +35,7 @@ def test_a_panel_is_titled_with_shepherd_steps_and_distance():
     traces = {"$rule_dog": herded(), "pair": two_dogs_cut_short()}
     first, second = (axes.get_title(loc="left") for axes in figures.trajectories(traces).axes)
     steps, distance = int(metrics.steps(herded())), float(metrics.distance(herded()))
-    turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
+    turn = f"turns by {float(metrics.turn(herded())):.0f}° a step"
     assert first == f"$rule_dog\n{steps} steps, {distance:.1f} m flown\n{turn}"
     assert second.startswith("pair\nnot accomplished, 20 steps, ")
 

@@ -13,6 +13,14 @@ UNSCALED = "H-DDPG-4x4, unscaled"
 NATIVE = "taught in that arena"
 ALL_SEEDS = {ALL_SCALES: "H-DDPG-4x4", ONE_SCALE: "H-DDPG-4x4-one-scale"}
 
+FIGURES = {  # by caption: the name of its file
+    "The 15th case in 6 × 6, flown by each shepherd": "trajectories",
+    "From one arena to another: 30 cases in each, with 95 % intervals": "transfer",
+    "Learning curves: mean and SD over the seeds of the reward per action in every 10 episodes, "
+    "lessons and reward as ours": "learning_curves",
+    "The same with the paper's lessons and reward, at most 0.1, for as many steps; episodes grow "
+    "long, and so are few": "learning_curves_paper",
+}
 METRICS = {  # by name: how a column calls it, and its digits
     "cumulative_reward": ("cumulative reward", ".1f"),
     "steps_gcm": ("steps (GCM)", ".0f"),
@@ -54,14 +62,7 @@ def rows(results: dict[str, Any]) -> list[Row]:
 
 def page(results: dict[str, Any], figures: dict[str, str], player: str, command: str) -> str:
     """The report: every table, figure and claim in one HTML page; `figures` are inline SVG."""
-    shown = {
-        "Learning curves: mean and SD over the seeds of the reward per action in every 10 "
-        "episodes, lessons and reward as ours": figures["learning_curves"],
-        "The same with the paper's lessons and reward, at most 0.1, for as many steps; episodes "
-        "grow long, and so are few": figures["learning_curves_paper"],
-        "The 15th case in 6 × 6, flown by each shepherd": figures["trajectories"],
-        "From one arena to another: 30 cases in each, with 95 % intervals": figures["transfer"],
-    }
+    shown = {told: figures[file] for told, file in FIGURES.items()}
     sections = {
         "The eight scenarios": html_table(*_eight(results))
         + f'<p class="quiet">{report.HOW_TO_READ} {escape(results["rule"])}</p>',
@@ -111,6 +112,7 @@ def document(results: dict[str, Any], command: str) -> str:
         "From one arena to another": _transfer(results["transfer"]),
         "Is it luck? Every seed": _seeds(results["seeds"]),
     }
+    lines += [line for told, file in FIGURES.items() for line in (f"![{told}]({file}.png)", "")]
     for title, (head, body) in tables.items():
         lines += [f"## {title}", "", markdown_table(head, body)]
     lines += ["## How to read this", "", report.HOW_TO_READ, "", results["rule"], ""]

@@ -27,7 +27,7 @@ def unscaled(sheepdog: Sheepdog, arena: float) -> Sheepdog:
 def sweep(
     sheepdogs: list[Sheepdog],
     carried: Callable[[Sheepdog, float], Sheepdog],
-    arenas: Iterable[float] = ARENAS,
+    arenas: Iterable[float],
 ) -> dict[str, dict[str, Any]]:
     """Fly sheepdogs through the 30 cases in each arena; the row of figures of all, by arena."""
     rows = {}
