@@ -2,9 +2,12 @@
 
 import json
 import os
+import platform
 import shlex
 import signal
 import sys
+import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -142,9 +145,10 @@ def test(
         out: Where to write results.json and a trace a mission, if given.
         as_json: Print the results as JSON instead of a table.
     """
-    from skydog import herd as job
+    from skydog import testing as job
+    from skydog.world import params
 
-    world = job.params.preset(preset, arena, sheep)
+    world = params.preset(preset, arena, sheep)
     results = job.test(shepherd, world, cases, starts, seed, sheep, dogs, at_point, out)
     _show(results, as_json, as_paper=(preset, starts, dogs) == ("paper", "paper", 1))
     return 0
@@ -245,6 +249,7 @@ def presets(as_json: Annotated[bool, arg(name="json")] = False) -> int:
 
 def main() -> None:
     """Run the command line; a `Refusal` is one line and exit code 2."""
+    _keep_compiled()
     # At once and without unwinding: files are written whole or not at all, and an exception
     # that is raised inside a callback of jax gets lost. Trainings listen for themselves.
     before = signal.signal(signal.SIGINT, _stop)
@@ -263,6 +268,31 @@ def main() -> None:
     sys.exit(code)
 
 
+def _keep_compiled() -> None:
+    """Let jax keep what it compiles, for the next call and for the workers of this one.
+
+    In the user's own cache folder, which nobody else may write to, since what lies there is run;
+    a folder for each kind of processor, since homes are shared between machines.
+    """
+    with suppress(OSError, RuntimeError):  # a home that cannot be written has no cache
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        kept = home / "skydog" / f"compiled-{_processor()}"
+        kept.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(kept))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+        # XLA warns at length that its own tuning hints are no features of the processor. What
+        # goes wrong in earnest is raised, too.
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def _processor() -> str:
+    """A mark of what the processor can do."""
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text().splitlines() if told.exists() else [platform.processor()]
+    able = next((line for line in lines if line.startswith(("flags", "Features"))), lines[0])
+    return f"{platform.machine()}-{zlib.crc32(able.encode()):08x}"
+
+
 def _stop(*_: object) -> None:
     print("\nskydog: stopped", file=sys.stderr, flush=True)
     os._exit(STOPPED)
@@ -278,10 +308,9 @@ def _show(results: dict[str, Any], as_json: bool, as_paper: bool = True) -> None
         return
     from rich.console import Console
 
-    from skydog import herd
     from skydog.study import report
 
-    Console().print(report.table(herd.rows(results, as_paper)))
+    Console().print(report.table(report.rows(results, as_paper)))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import (
-    BarColumn,
     Progress,
     TaskID,
     TaskProgressColumn,
@@ -41,7 +40,6 @@ class TrainingBars:
     def __init__(self, jobs: Sequence[Job]):
         self._bars = Progress(
             TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
             TaskProgressColumn(),
             TextColumn("{task.fields[news]}"),
             TimeRemainingColumn(),
@@ -79,8 +77,8 @@ class TrainingBars:
             self._bars.update(
                 row,
                 completed=news.progress.step,
-                news=f"reward {news.progress.reward_per_action:+.3f} an action, "
-                f"success {news.progress.success:4.0%}, {speed or 0:6,.0f} steps/s",
+                news=f"reward {news.progress.reward_per_action:+.3f}, "
+                f"{news.progress.success:4.0%} arrive, {speed or 0:6,.0f} steps/s",
             )
         elif news.ended == "done":
             self._done[job.name] = job.course.steps

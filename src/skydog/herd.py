@@ -1,42 +1,21 @@
 """The main job: teach two skills, fuse them into a sheepdog, fly it, and show the result."""
 
-import json
 from pathlib import Path
 from typing import Any
-
-import jax
 
 from skydog import console, files, teaching
 from skydog.errors import Refusal
 from skydog.learning.course import Course
 from skydog.shepherds import store
-from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
-from skydog.study import evaluate, paper, report, traces
+from skydog.study import evaluate, report, traces
 from skydog.study.cases import cases
 from skydog.view import figures, replay
-from skydog.words import AtPoint, Starts
-from skydog.world import params
-from skydog.world.mission import Shepherd, State, Trace
-from skydog.world.params import World
 
 Results = dict[str, Any]
 """Rows of figures, as `evaluate.row` makes them, by the name of their scenario."""
 
 SHOWN_CASE = 15  # the paper shows the trajectories of its 15th case
-
-
-def scenario(shepherd: Shepherd, world: World) -> str:
-    """The paper's name for a shepherd in an arena: H-DDPG-4x4, or H-DDPG-4x4to6x6 if it learnt
-    in another."""
-    flown = f"{world.arena.size:g}x{world.arena.size:g}"
-    if isinstance(shepherd, Strombom):
-        return f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"
-    if not isinstance(shepherd, Sheepdog):
-        return f"{type(shepherd).__name__}-{flown}"
-    home = f"{shepherd.arena:g}x{shepherd.arena:g}"
-    learnt = "" if shepherd.arena == world.arena.size else f"{home}to"
-    return f"{'H-DDPG' if shepherd.drive.stretches else 'DHRL'}-{learnt}{flown}"
 
 
 NOTES = [
@@ -71,15 +50,16 @@ def herd(
     console.say(f"Flying {count} cases with each shepherd ...")
     shepherds = (sheepdog, Strombom(), Strombom(at_point="arrive"))
     flown = {
-        scenario(shepherd, world): evaluate.fly(world, shepherd, starts) for shepherd in shepherds
+        evaluate.scenario(shepherd, world): evaluate.fly(world, shepherd, starts)
+        for shepherd in shepherds
     }
     results = {name: evaluate.row(trace) for name, trace in flown.items()}
     ours = next(iter(results))
     store.save(
         out / store.FILE, sheepdog, teaching.card(course, seed, command, {ours: results[ours]})
     )
-    write_results(out, results)
-    files.write_text(out / "results.md", report.markdown(rows(results)))
+    report.write(out, results)
+    files.write_text(out / "results.md", report.markdown(report.rows(results)))
 
     console.say("Drawing the figures and the report ...")
     shown_case = min(SHOWN_CASE, count)
@@ -91,7 +71,7 @@ def herd(
     figures.save(curves, out / "learning_curves")
     figures.save(paths, out / "trajectories")
     page = report.report(
-        rows=rows(results),
+        rows=report.rows(results),
         figures={
             "Learning curves: reward per action in every 10 episodes": figures.svg(curves),
             f"Case {shown_case}, flown by each shepherd": figures.svg(paths),
@@ -140,57 +120,13 @@ def train(
     for seed, folder in folders.items():
         sheepdog, _ = teaching.fuse(course, folder, seed)
         starts = "paper" if course.sheep == 3 else "random"
-        row = evaluate.row(fly(world, sheepdog, cases(world, 30, starts, sheep=course.sheep), 0))
-        name = scenario(sheepdog, world)
+        flown = evaluate.fly_noisily(
+            world, sheepdog, cases(world, 30, starts, sheep=course.sheep), 0
+        )
+        row = evaluate.row(flown)
+        name = evaluate.scenario(sheepdog, world)
         store.save(folder / store.FILE, sheepdog, teaching.card(course, seed, command, {name: row}))
         results[f"{name}, seed {seed}" if count > 1 else name] = row
-    write_results(out, results)
+    report.write(out, results)
     console.say(f"Everything is in {out}.")
     return results
-
-
-def test(
-    shepherd: str,
-    world: World,
-    count: int,
-    starts: Starts,
-    seed: int,
-    sheep: int,
-    dogs: int,
-    at_point: AtPoint,
-    out: Path | None,
-) -> Results:
-    """Fly `strombom`, or a sheepdog by its file or run folder, through cases of a world.
-
-    With `out`, the results and every mission's trace are written there.
-    """
-    rule_dog = shepherd == "strombom"
-    steers = Strombom(at_point=at_point) if rule_dog else store.load(shepherd)
-    name = scenario(steers, world)
-    if out is not None:
-        files.folder(out)
-    flown = fly(world, steers, cases(world, count, starts, seed, sheep, dogs), seed)
-    results = {name: evaluate.row(flown)}
-    if out is not None:
-        write_results(out, results)
-        for case in range(count):
-            path = out / "traces" / f"{name}-{case + 1}.safetensors"
-            traces.save(path, evaluate.one_case(flown, case), name)
-    return results
-
-
-def fly(world: World, shepherd: Shepherd, starts: State, seed: int) -> Trace:
-    """Missions from `starts`, with the noise that the world asks for, if any."""
-    key = jax.random.key(seed) if params.noisy(world) else None
-    return evaluate.fly(world, shepherd, starts, key=key)
-
-
-def rows(results: Results, as_paper: bool = True) -> list[report.Row]:
-    """Results for a table: beside the paper's own figures, if the cases are as the paper's."""
-    printed = paper.PRINTED if as_paper else {}
-    return [report.Row(name, row, printed.get(name)) for name, row in results.items()]
-
-
-def write_results(out: Path, results: Results) -> None:
-    """Write `results.json`."""
-    files.write_text(out / "results.json", json.dumps(files.plain(results), indent=2) + "\n")

@@ -1,6 +1,5 @@
 """The paper's simulation study: train all of it, fly all of it, and hold it against the paper."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,16 @@ from skydog.learning.workers import Job
 from skydog.shepherds import store
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
-from skydog.study import claims, evaluate, paper, reproduction, statistics, transfer, verdict
+from skydog.study import (
+    claims,
+    evaluate,
+    paper,
+    report,
+    reproduction,
+    statistics,
+    transfer,
+    verdict,
+)
 from skydog.study.cases import cases, shipped
 from skydog.study.claims import Measured
 from skydog.study.traces import save
@@ -319,7 +327,7 @@ def write(
     out: Path, results: Results, taught: Taught, shown: dict[str, Trace], command: str
 ) -> None:
     """Write results.json, report.html, the document of the claims, figures and traces."""
-    files.write_text(out / "results.json", json.dumps(files.plain(results), indent=2) + "\n")
+    report.write(out, results)
     files.write_text(out / "reproduces.md", reproduction.document(results, command))
     drawn = {
         "learning_curves": figures.learning_curves(_curves(taught, papers=False)),

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -137,7 +138,10 @@ def _skill(
             raise Refusal(f"{path} is damaged: layer {layer} of {skill} has shape {weight.shape}")
         nodes.append(bias.size)
         weights += [jnp.asarray(weight), jnp.asarray(bias)]
-    blank = policy(nodes[0], len(COMMANDS), tuple(nodes[1:-1]), jax.random.key(0))
+    # Its shape alone: drawing weights to throw them away would take a second.
+    blank = eqx.filter_eval_shape(
+        policy, nodes[0], len(COMMANDS), tuple(nodes[1:-1]), jax.random.key(0)
+    )
     if nodes[-1] != blank.layers.linears[-1].out_features:
         raise Refusal(f"{path} is damaged: {skill} has {nodes[-1]} outputs")
     return jax.tree.unflatten(jax.tree.structure(blank), weights)

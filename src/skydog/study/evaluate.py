@@ -6,13 +6,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
+from skydog.shepherds.sheepdog import Sheepdog
+from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics, statistics
-from skydog.world import mission
+from skydog.world import mission, params
 from skydog.world.mission import MAX_STEPS, Shepherd, State, Trace
 from skydog.world.params import World
 
+CHUNK = 100  # instants between looks at whether all missions are accomplished
 MEASURES = (
     metrics.steps,
     metrics.steps_gcm,
@@ -39,6 +42,25 @@ def fly(
     """
     keys = None if key is None else jax.random.split(key, len(cases.sheep))
     return _fly(_traced(world), _traced(shepherd), cases, steps, keys)
+
+
+def scenario(shepherd: Shepherd, world: World) -> str:
+    """The paper's name for a shepherd in an arena: H-DDPG-4x4, or H-DDPG-4x4to6x6 if it learnt
+    in another."""
+    flown = f"{world.arena.size:g}x{world.arena.size:g}"
+    if isinstance(shepherd, Strombom):
+        return f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"
+    if not isinstance(shepherd, Sheepdog):
+        return f"{type(shepherd).__name__}-{flown}"
+    home = f"{shepherd.arena:g}x{shepherd.arena:g}"
+    learnt = "" if shepherd.arena == world.arena.size else f"{home}to"
+    return f"{'H-DDPG' if shepherd.drive.stretches else 'DHRL'}-{learnt}{flown}"
+
+
+def fly_noisily(world: World, shepherd: Shepherd, starts: State, seed: int) -> Trace:
+    """Missions from `starts`, with the noise that the world asks for, if any."""
+    key = jax.random.key(seed) if params.noisy(world) else None
+    return fly(world, shepherd, starts, key=key)
 
 
 def measure(traces: Trace) -> dict[str, np.ndarray]:
@@ -82,10 +104,43 @@ def _measure(traces: Trace) -> dict[str, Any]:
 def _fly(
     world: World, shepherd: Shepherd, cases: State, steps: int, keys: Key[Array, " cases"] | None
 ) -> Trace:
-    def one(case: State, key: PRNGKeyArray | None) -> Trace:
-        return mission.rollout(world, shepherd, case, steps, key)
+    """`mission.rollout` of every case, no further than the last that is accomplished."""
 
-    return jax.vmap(one)(cases, keys)
+    def on(
+        state: State, done: Bool[Array, ""], key: PRNGKeyArray | None, now: Int[Array, " instants"]
+    ) -> tuple[tuple[State, Array], mission.Records]:
+        fly = mission.instant(world, shepherd, steps, key)
+        return jax.lax.scan(fly, (state, done), now)
+
+    def chunk(at: Int[Array, ""], state: State, done: Bool[Array, " cases"]):
+        now = at + jnp.arange(CHUNK)
+        return jax.vmap(on, in_axes=(0, 0, None if keys is None else 0, None))(
+            state, done, keys, now
+        )
+
+    def more(carry):
+        at, _, done, _ = carry
+        return (at <= steps) & ~jnp.all(done)
+
+    def write(carry):
+        at, state, done, records = carry
+        (state, done), new = chunk(at, state, done)
+        records = jax.tree.map(
+            lambda all, some: jax.lax.dynamic_update_slice_in_dim(all, some, at, 1), records, new
+        )
+        return at + CHUNK, state, done, records
+
+    start = jnp.asarray(0), cases, jnp.zeros(len(cases.sheep), bool)
+    whole = (steps // CHUNK + 1) * CHUNK
+    blank = jax.tree.map(
+        lambda leaf: jnp.zeros((leaf.shape[0], whole, *leaf.shape[2:]), leaf.dtype),
+        jax.eval_shape(chunk, *start)[1],
+    )
+    flown, _, _, records = jax.lax.while_loop(more, write, (*start, blank))
+    # Who is done stands still: what was not flown is as the last instant that was.
+    at = jnp.minimum(jnp.arange(steps + 1), jnp.maximum(flown - 1, 0))
+    records = jax.tree.map(lambda leaf: leaf[:, at], records)
+    return jax.vmap(mission.recorded, in_axes=(None, 0))(world, records)
 
 
 def _traced(tree: Any) -> Any:

@@ -1,15 +1,20 @@
 """The report: the results table, in a terminal, in Markdown and in one self-contained page."""
 
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
+
+from skydog import files
+from skydog.study import paper
 
 COLUMNS = (
     "scenario",
@@ -37,6 +42,17 @@ class Row:
     ours: dict[str, Any]
     paper: dict[str, Any] | None = None
     verdict: str | None = None  # of `study.verdict`, on ours beside the paper's
+
+
+def rows(results: dict[str, Any], as_paper: bool = True) -> list[Row]:
+    """Results for a table: beside the paper's own figures, if the cases are as the paper's."""
+    printed = paper.PRINTED if as_paper else {}
+    return [Row(name, row, printed.get(name)) for name, row in results.items()]
+
+
+def write(out: Path, results: dict[str, Any]) -> None:
+    """Write `results.json`."""
+    files.write_text(out / "results.json", json.dumps(files.plain(results), indent=2) + "\n")
 
 
 def cells(row: Row) -> list[str]:

@@ -2,8 +2,9 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skydog.world.neighbours import ALL_PAIRS, pushes
 from skydog.world.params import Flock
 from skydog.world.vectors import Scalar, norm, unit
 
@@ -34,9 +35,7 @@ def avoid(sheep: Float[Array, "sheep 2"], avoidance: Scalar) -> Float[Array, "sh
     `avoidance` is R_ππ in metres. Returns the sum of unit vectors pointing away from each
     sheep within it. Two sheep at one point do not push each other: no direction is theirs.
     """
-    away = sheep[:, None] - sheep[None, :]
-    near = norm(away) <= avoidance
-    return jnp.sum(jnp.where(near[..., None], unit(away), 0.0), axis=1)
+    return pushes(sheep, avoidance)
 
 
 def group(sheep: Float[Array, "sheep 2"], neighbours: int | None) -> Float[Array, "sheep 2"]:
@@ -50,11 +49,17 @@ def group(sheep: Float[Array, "sheep 2"], neighbours: int | None) -> Float[Array
         return jnp.zeros_like(sheep)
     if neighbours is None or neighbours >= flockmates:
         # Summed as differences, so that for sheep at one point it is exactly zero.
-        return unit(jnp.sum(sheep[None, :] - sheep[:, None], axis=1))
-    distance = norm(sheep[:, None] - sheep[None, :])
-    distance = jnp.where(jnp.eye(len(sheep), dtype=bool), jnp.inf, distance)
-    _, nearest = jax.lax.top_k(-distance, neighbours)
-    return unit(jnp.sum(sheep[nearest] - sheep[:, None], axis=1))
+        if len(sheep) <= ALL_PAIRS:
+            return unit(jnp.sum(sheep[None, :] - sheep[:, None], axis=1))
+        away = sheep - sheep[0]
+        return unit(jnp.sum(away, axis=0) - len(sheep) * away)
+
+    def pull(number: Int[Array, ""]) -> Float[Array, "2"]:
+        distance = norm(sheep - sheep[number]).at[number].set(jnp.inf)
+        _, nearest = jax.lax.top_k(-distance, neighbours)
+        return unit(jnp.sum(sheep[nearest] - sheep[number], axis=0))
+
+    return jax.lax.map(pull, jnp.arange(len(sheep)), batch_size=ALL_PAIRS)
 
 
 def force(

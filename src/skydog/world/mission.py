@@ -151,6 +151,19 @@ def rollout(
 
     `key` draws the noise; None is a mission without any.
     """
+    fly = instant(world, shepherd, steps, key)
+    _, records = jax.lax.scan(fly, (state, jnp.asarray(False)), jnp.arange(steps + 1))
+    return recorded(world, records)
+
+
+Records = tuple[Array, Array, Array, Array, Array, Array]
+"""What an instant leaves to record: sheep, dogs, subgoal, drives, command, accomplished."""
+
+
+def instant(
+    world: World, shepherd: Shepherd, steps: int, key: PRNGKeyArray | None
+) -> Callable[[tuple[State, Array], Array], tuple[tuple[State, Array], Records]]:
+    """One instant of a mission, for a scan: (state, done) and its number to those after it."""
 
     def fly(carry, now: Int[Array, ""]):
         state, done = carry
@@ -160,7 +173,7 @@ def rollout(
             moving, perceiving = jax.random.split(jax.random.fold_in(key, now))
             seen = perceive(world, state, perceiving)
         done = done | accomplished(world, state)
-        last = done | (now == steps)
+        last = done | (now >= steps)
         command = jnp.where(last, 0.0, limited(world.dog, shepherd(world, seen)))
         subgoal, drives = herding.gate(world, state.sheep, state.dogs)
         record = (state.sheep, state.dogs, subgoal, drives, command, done)
@@ -168,13 +181,15 @@ def rollout(
         state = jax.tree.map(lambda old, new: jnp.where(last, old, new), state, after)
         return (state, done), record
 
-    instants = jnp.arange(steps + 1)
-    _, (sheep, dogs, subgoal, drives, command, done) = jax.lax.scan(
-        fly, (state, jnp.asarray(False)), instants
-    )
+    return fly
+
+
+def recorded(world: World, records: Records) -> Trace:
+    """The trace that the records of all instants, one after another, amount to."""
+    sheep, dogs, subgoal, drives, command, done = records
     return Trace(
         world=world,
-        time=instants * jnp.asarray(world.arena.dt, jnp.float32),
+        time=jnp.arange(len(done)) * jnp.asarray(world.arena.dt, jnp.float32),
         sheep=sheep,
         dogs=dogs,
         subgoal=subgoal,

@@ -1,0 +1,77 @@
+"""Who is near whom: all pairs for small flocks, cells for large ones; the same to rounding."""
+
+import warnings
+from functools import cache
+from types import ModuleType
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from skydog.world.vectors import Scalar, norm, unit
+
+ALL_PAIRS = 256  # sheep up to which all pairs at once are the fastest
+BLOCK = 64  # sheep whose pairs with all others are in memory at a time, where cells are missing
+
+
+def pushes(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "sheep 2"]:
+    """For each sheep the sum of unit vectors away from every other within `radius` metres.
+
+    Chooses the fastest means: all pairs up to `ALL_PAIRS` sheep; beyond that cells, on a CPU
+    with numba; else all pairs, block by block.
+    """
+    if len(sheep) <= ALL_PAIRS:
+        return all_pairs(sheep, sheep, radius)
+    if jax.default_backend() == "cpu" and compiled():
+        return cells(sheep, radius)
+    return blocks(sheep, radius)
+
+
+def all_pairs(
+    sheep: Float[Array, "some 2"], others: Float[Array, "others 2"], radius: Scalar
+) -> Float[Array, "some 2"]:
+    """The pushes on some sheep, every pair looked at: time and memory grow as their product."""
+    away = sheep[:, None] - others[None, :]
+    near = norm(away) <= radius
+    return jnp.sum(jnp.where(near[..., None], unit(away), 0.0), axis=1)
+
+
+def blocks(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "sheep 2"]:
+    """The pushes, every pair looked at, in memory that grows only as the flock does."""
+
+    def push(one: Float[Array, "2"]) -> Float[Array, "2"]:
+        return all_pairs(one[None], sheep, radius)[0]
+
+    return jax.lax.map(push, sheep, batch_size=BLOCK)
+
+
+def cells(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "sheep 2"]:
+    """The pushes, only neighbours looked at: time grows as the flock does, at one density.
+
+    A packed herd, every sheep in one cell, is slower, never wrong. Not differentiable.
+    """
+    shape = jax.ShapeDtypeStruct(sheep.shape, jnp.float32)
+    reach = jnp.asarray(radius, jnp.float32)
+    return jax.pure_callback(_pushes, shape, sheep, reach, vmap_method="sequential")
+
+
+@cache
+def compiled() -> ModuleType | None:
+    """The compiled cells; None, with a note, where numba is missing."""
+    try:
+        from skydog.world import cells
+    except ImportError:
+        warnings.warn(
+            f"flocks of more than {ALL_PAIRS} sheep are slow without numba; "
+            "run: pip install 'skydog[fast]'",
+            stacklevel=2,
+        )
+        return None
+    return cells
+
+
+def _pushes(sheep: Array, radius: Array) -> np.ndarray:
+    kernel = compiled()
+    assert kernel is not None
+    return kernel.pushes(np.asarray(sheep), np.float32(radius))
