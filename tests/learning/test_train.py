@@ -11,7 +11,7 @@ from toys import Count
 
 from skydog import files
 from skydog.errors import Refusal
-from skydog.learning import ddpg, train
+from skydog.learning import ddpg, dqn, train
 from skydog.learning.lessons import Lesson
 from skydog.world.params import preset
 
@@ -241,3 +241,24 @@ def test_a_checkpoint_that_cannot_be_replaced_leaves_the_old_one(monkeypatch, st
     with pytest.raises(Refusal, match="No space left on device"):
         run(stopped, resume=True)
     assert {path.name: path.read_bytes() for path in stopped.iterdir()} == before
+
+
+@pytest.mark.parametrize("config", [CONFIG, dqn.Config(network=(8,))], ids=["ddpg", "dqn"])
+def test_the_loop_is_compiled_once(config):
+    train.advance.clear_cache()
+    training, key = train.init(LESSON, config, jax.random.key(0)), jax.random.key(1)
+    for _ in range(3):
+        training, _ = train.advance(LESSON, config, training, key, 10)
+    assert train.advance._cache_size() == 1
+
+
+def test_several_seeds_in_one_call_learn_what_each_learns_alone():
+    keys = jax.random.split(jax.random.key(3), 3)
+    trainings = jax.vmap(lambda key: train.init(LESSON, CONFIG, key))(keys)
+    together, _ = jax.vmap(lambda one, key: train.advance(LESSON, CONFIG, one, key, 60))(
+        trainings, keys
+    )
+    for seed, key in enumerate(keys):
+        alone, _ = train.advance(LESSON, CONFIG, train.init(LESSON, CONFIG, key), key, 60)
+        for many, one in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
+            np.testing.assert_allclose(many[seed], one, rtol=1e-3, atol=1e-4)

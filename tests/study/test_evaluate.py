@@ -81,3 +81,38 @@ def test_noise_is_drawn_anew_for_every_case_and_only_with_a_key():
     assert not np.array_equal(shaken.dogs[0], shaken.dogs[1])
     again = evaluate.fly(noisy, Strombom(), twins, 20, key=jax.random.key(0))
     assert np.array_equal(shaken.dogs, again.dogs)
+
+
+@pytest.mark.parametrize("steps", [1, 99, 100, 101, 250])
+def test_stopping_with_the_last_mission_leaves_the_traces_as_they_were(steps):
+    starts = cases(WORLD, 4, "random", seed=5)
+    flown = evaluate.fly(WORLD, Strombom(), starts, steps)
+    plain = jax.jit(
+        lambda starts: jax.vmap(lambda case: mission.rollout(WORLD, Strombom(), case, steps))(
+            starts
+        )
+    )(starts)
+    assert flown.accomplished.shape == (4, steps + 1)
+    assert steps < 250 or bool(flown.accomplished[:, -1].all())  # and so it did stop early
+    for here, there in zip(jax.tree.leaves(flown), jax.tree.leaves(plain), strict=True):
+        assert np.asarray(here).dtype == np.asarray(there).dtype
+        assert here.shape == there.shape
+    # A rule dog that dithers at its point makes metres of a rounding, in time.
+    for early in (flown, plain):
+        np.testing.assert_allclose(early.sheep[:, :40], plain.sheep[:, :40], atol=1e-3)
+        np.testing.assert_allclose(early.command[:, :40], plain.command[:, :40], atol=1e-2)
+    for case in range(4):
+        done = np.asarray(flown.accomplished[case])
+        assert (np.diff(done.astype(int)) >= 0).all()
+        still = np.flatnonzero(done)
+        if len(still):
+            assert np.ptp(np.asarray(flown.sheep[case])[still], axis=0).max() == 0.0
+            assert np.ptp(np.asarray(flown.dogs[case])[still], axis=0).max() == 0.0
+            assert not np.asarray(flown.command[case])[still].any()
+
+
+def test_missions_at_home_from_the_start_are_recorded_whole():
+    starts = jax.tree.map(lambda leaf: 0.1 * leaf, cases(WORLD, 2))
+    flown = evaluate.fly(WORLD, Strombom(), starts, 30)
+    assert bool(flown.accomplished.all())
+    assert np.ptp(np.asarray(flown.sheep), axis=1).max() == 0.0

@@ -125,7 +125,7 @@ def init(task: Task, config: Any, key: PRNGKeyArray) -> Training:
         memory=replay.empty(config.memory, _blank(task)),
         episode=task.start(for_start),
         step=jnp.asarray(0),
-        reward=jnp.asarray(0.0),
+        reward=jnp.zeros(()),  # a strong type, as after a step: else the loop is compiled twice
         length=jnp.asarray(0),
     )
 

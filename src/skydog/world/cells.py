@@ -1,5 +1,6 @@
 """The pushes between sheep by cells, compiled by numba. Needs: pip install 'skydog[fast]'."""
 
+import inspect
 import math
 
 import numba
@@ -8,8 +9,7 @@ import numpy as np
 SPARSE = 4  # at most so many cells a sheep: a few far strays must not cost a vast empty grid
 
 
-@numba.njit(parallel=True, cache=True)
-def pushes(sheep, radius):
+def _pushes(sheep, radius):
     """For each of `sheep` (float32, N by 2) the sum of unit vectors away from those near it.
 
     The sheep are sorted into square cells at least as wide as `radius`; those near a sheep lie
@@ -57,3 +57,7 @@ def pushes(sheep, radius):
                     push_y += away_y / apart
         pushed[i, 0], pushed[i, 1] = push_x, push_y
     return pushed
+
+
+# Unwrapped: what checks shapes while tests run is nothing that numba could compile.
+pushes = numba.njit(parallel=True, cache=True)(inspect.unwrap(_pushes))

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from skydog.world.vectors import Scalar, norm, unit
 
-ALL_PAIRS = 256  # sheep up to which all pairs at once are the fastest
+ALL_PAIRS = 300  # sheep up to which all pairs at once are the fastest
 BLOCK = 64  # sheep whose pairs with all others are in memory at a time, where cells are missing
 
 
