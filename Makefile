@@ -23,8 +23,9 @@ format: $(VENV)/dev.stamp  ## Put the code into its format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(VENV)/run.stamp $(VENV)-peers/stamp  ## Compare training speed with Stable-Baselines3
-	$(BIN)/python benchmarks/training_speed.py --out docs/training_speed.md
+bench: $(VENV)/dev.stamp $(VENV)-peers/stamp  ## Compare with SB3, SBX and VMAS: docs/benchmarks.md
+	$(BIN)/python benchmarks/bench.py --out docs/benchmarks.md
+	$(BIN)/python benchmarks/growth.py --out docs/growth.md
 
 reproduce: $(VENV)/run.stamp  ## Regenerate the paper's simulation study, and docs/reproduces.md
 	$(BIN)/skydog reproduce $(ARGS)

@@ -1,6 +1,6 @@
 """How cost grows with sheep, worlds and seeds, on whatever device jax runs: `growth.py --help`.
 
-Needs jax and numpy beside skydog, and nothing else.
+Needs skydog, with the jax of the device, and nothing else.
 """
 
 import argparse
@@ -17,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.figure import Figure
 
 from skydog import files
 from skydog.learning import ddpg, train
@@ -65,6 +66,7 @@ def main() -> None:
         "of three timings each, compiling not counted.",
         "",
     ]
+    costs: dict[str, list[tuple[int, float]]] = {}
     for title, what, unit, sizes, measure in tables:
         print(f"\n{title}: {unit}", flush=True)
         found = []
@@ -87,9 +89,27 @@ def main() -> None:
             lines.append(f"| {size:,} | {speed:,.0f} | {slope} |")
             before = size, speed
         lines.append("")
+        costs[what] = [(size, (1.0 if measure is flock else size) / speed) for size, speed in found]
+    lines += ["![What a step costs, against size](growth.png)", ""]
     lines.append("The growth is the slope in the logarithms from the row before: 1 is linear.")
     if given.out:
+        draw(costs, given.out.with_suffix(".png"))
         files.write_text(given.out, "\n".join([*lines, ""]))
+
+
+def draw(costs: dict[str, list[tuple[int, float]]], path: Path) -> None:
+    """What a step of everything costs, against size, both in logarithms; linear growth beside."""
+    figure = Figure(figsize=(3.0 * len(costs), 2.6), layout="constrained")
+    panels = figure.subplots(1, len(costs), squeeze=False)[0]
+    for axes, (what, points) in zip(panels, costs.items(), strict=True):
+        sizes, seconds = np.array(points, float).T
+        axes.loglog(sizes, seconds, "o-", color="#0072B2", markersize=3, label="measured")
+        line = seconds[-1] * sizes / sizes[-1]
+        axes.loglog(sizes, line, ":", color="#444444", label="linear")
+        axes.set(xlabel=what, ylabel="seconds a step")
+        axes.legend(frameon=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150)
 
 
 def flock(sheep: int) -> float:
@@ -134,7 +154,8 @@ def worlds(count: int) -> float:
 
 def seeds(count: int) -> float:
     """Steps a second of so many trainings of the drive lesson, all trainings together."""
-    lesson, config = Lesson(preset("paper"), "drive"), ddpg.Config()
+    # A memory a tenth as large as usual: thousands of whole ones fit into few machines.
+    lesson, config = Lesson(preset("paper"), "drive"), ddpg.Config(memory=10_000)
     if count == 1:  # as `skydog train` runs it
         one = train.init(lesson, config, jax.random.key(0))
 

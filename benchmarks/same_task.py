@@ -13,7 +13,7 @@ from skydog.learning import lessons
 from skydog.learning.lessons import Episode, Lesson
 from skydog.world import params
 
-TOLERANCE = 1e-5  # metres, reward, or force: what float32 leaves of a step
+TOLERANCE = 1e-4  # metres: single precision, in arenas of up to 40 m, against double
 UNLIKELY = 1e-3  # below this p, starts differ: of equal ones, ten p's fall below it one time in 100
 AGO = 25  # steps flown at random before the one compared: flocks in motion, not only at rest
 

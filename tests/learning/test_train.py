@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -245,11 +246,12 @@ def test_a_checkpoint_that_cannot_be_replaced_leaves_the_old_one(monkeypatch, st
 
 @pytest.mark.parametrize("config", [CONFIG, dqn.Config(network=(8,))], ids=["ddpg", "dqn"])
 def test_the_loop_is_compiled_once(config):
-    train.advance.clear_cache()
+    loop: Any = train.advance
+    loop.clear_cache()
     training, key = train.init(LESSON, config, jax.random.key(0)), jax.random.key(1)
     for _ in range(3):
         training, _ = train.advance(LESSON, config, training, key, 10)
-    assert train.advance._cache_size() == 1
+    assert loop._cache_size() == 1
 
 
 def test_several_seeds_in_one_call_learn_what_each_learns_alone():

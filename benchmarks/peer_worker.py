@@ -1,4 +1,5 @@
-"""Their side: Stable-Baselines3's DDPG. Started by the benchmark, in an environment of its own."""
+"""Their side: the DDPG of Stable-Baselines3 or of SBX. Started by the benchmark, in an
+environment of its own."""
 # pyright: reportMissingImports=false
 
 import sys
@@ -7,9 +8,11 @@ import slices
 
 slices.pin(int(sys.argv[1]))
 
+from importlib import import_module  # noqa: E402
+from importlib.metadata import version  # noqa: E402
+
 import gymnasium  # noqa: E402
 import numpy as np  # noqa: E402
-import stable_baselines3  # noqa: E402
 import torch  # noqa: E402
 from numpy_lesson import NumpyLesson  # noqa: E402
 from stable_baselines3.common.noise import OrnsteinUhlenbeckActionNoise  # noqa: E402
@@ -32,10 +35,10 @@ class Drive(gymnasium.Env):
         return seen, reward, False, truncated, {}
 
 
-def learner(task, config):
+def learner(library, task, config):
     """Their DDPG with our `ddpg.Config`, as closely as its options allow."""
     size = task.action_space.shape
-    return stable_baselines3.DDPG(
+    return import_module(library).DDPG(
         "MlpPolicy",
         task,
         learning_rate=config["critic_rate"],  # one rate serves both networks
@@ -50,7 +53,7 @@ def learner(task, config):
             np.zeros(size), config["sigma"] * np.ones(size), theta=config["theta"], dt=1.0
         ),
         policy_kwargs={"net_arch": {"pi": config["actor"], "qf": config["critic"]}},
-        device="cpu",
+        **({"device": "cpu"} if library == "stable_baselines3" else {}),
         seed=0,
     )
 
@@ -76,14 +79,11 @@ def learn(model, steps):
 asked = slices.requests()
 task = next(asked)
 torch.set_num_threads(1)
-model = learner(Drive(task["numbers"]), task["config"])
+model = learner(task["library"], Drive(task["numbers"]), task["config"])
 alone = Drive(task["numbers"])
 slices.answer(
     python=sys.version.split()[0],
-    stable_baselines3=stable_baselines3.__version__,
-    gymnasium=gymnasium.__version__,
-    torch=torch.__version__,
-    numpy=np.__version__,
+    **{name: version(name) for name in ("stable_baselines3", "sbx-rl", "jax", "torch", "numpy")},
 )
 for request in asked:
     if request["what"] == "play":

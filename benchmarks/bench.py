@@ -1,0 +1,333 @@
+"""How fast skydog is, beside what a user would pick otherwise: `bench.py --help`."""
+
+import json
+import os
+import platform
+import resource
+import shlex
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from tyro.conf import arg
+
+from skydog import files
+from skydog.errors import Refusal
+
+HERE = Path(__file__).resolve().parent
+
+OURS = Path(sys.executable)
+
+
+@dataclass(frozen=True)
+class Slice:
+    """One timed piece of work."""
+
+    steps: int
+    seconds: float
+    busy: float  # seconds that its process computed: fewer if it shared its core
+
+    @property
+    def speed(self) -> float:
+        """Steps per second."""
+        return self.steps / self.seconds
+
+    @property
+    def had(self) -> float:
+        """The share of the core that it had."""
+        return self.busy / self.seconds
+
+
+class Worker:
+    """A process of its own, pinned to a core, asleep except during its slices."""
+
+    def __init__(self, python: Path, script: str, core: int, remedy: str, **task: Any):
+        self.name, self._remedy = script, remedy
+        self._process = subprocess.Popen(
+            [str(python), str(HERE / script), str(core)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        if task:
+            self.tell(**task)
+        self.versions = self.hear()
+
+    def tell(self, **request: Any) -> None:
+        pipe = self._process.stdin
+        assert pipe is not None
+        try:
+            pipe.write(json.dumps(request) + "\n")
+            pipe.flush()
+        except BrokenPipeError:
+            pass  # it died: what it said on the standard error is on the screen
+
+    def hear(self) -> dict[str, Any]:
+        pipe = self._process.stdout
+        assert pipe is not None
+        line = pipe.readline()
+        if not line:
+            raise Refusal(f"{self.name} died, as told above; {self._remedy}")
+        return json.loads(line)
+
+    def work(self, steps: int, what: str = "learn") -> Slice:
+        self.tell(steps=steps, what=what)
+        return Slice(**self.hear())
+
+    def stop(self) -> None:
+        self._process.terminate()
+        self._process.wait()
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A thing that ours and others do, in turns on one core: name, worker, what it is told."""
+
+    title: str
+    unit: str
+    sides: dict[str, tuple[Path, str, dict[str, Any]]]
+    aims: dict[str, float]  # by whom: how many times as fast ours shall be
+
+
+def bench(
+    rounds: int = 5,
+    seconds: float = 2.0,
+    peers: Annotated[Path, arg(metavar="FOLDER")] = Path(".venv-peers"),
+    out: Annotated[Path | None, arg(metavar="FILE.md")] = None,
+) -> None:
+    """Time skydog beside Stable-Baselines3, SBX and VMAS, and write one table.
+
+    Every contest runs in turns on one core, after compiling and warming up; the ratio is taken
+    round by round. Besides: what a second core brings, and the time and memory of `skydog herd`.
+
+    Example: .venv/bin/python benchmarks/bench.py --out docs/benchmarks.md
+
+    Args:
+        rounds: How many times each is timed.
+        seconds: About how long a slice of each lasts.
+        peers: The virtual environment of the peers, made from benchmarks/peers.txt.
+        out: Where to write the table as Markdown, if given.
+    """
+    python = peers / "bin" / "python"
+    if not python.exists():
+        raise Refusal(f"{peers} is no virtual environment; run: make bench")
+    if rounds < 1:
+        raise Refusal(f"rounds must be 1 or more, got {rounds}; try --rounds 5")
+    if not 0.0 < seconds < 3600.0:
+        raise Refusal(f"seconds must be between 0 and 3600, got {seconds:g}; try --seconds 2")
+    cores = sorted(os.sched_getaffinity(0))
+    progress = Console(stderr=True)
+    progress.print("Comparing the task with its copy in NumPy ...")
+    from same_task import check, lesson, numbers
+
+    from skydog.learning import ddpg
+
+    agreement = check()
+    if not agreement.same:
+        raise Refusal(f"NumpyLesson is not the lesson: {agreement}; mend benchmarks/numpy_lesson")
+    task = {"numbers": numbers(lesson()), "config": asdict(ddpg.Config())}
+    contests = [
+        Contest(
+            "Training",
+            "environment steps/s, one update each",
+            {
+                "skydog DDPG": (OURS, "skydog_worker.py", {}),
+                "Stable-Baselines3 DDPG": (
+                    python,
+                    "peer_worker.py",
+                    {"library": "stable_baselines3", **task},
+                ),
+                "SBX DDPG": (python, "peer_worker.py", {"library": "sbx", **task}),
+            },
+            {"Stable-Baselines3 DDPG": 40, "SBX DDPG": 15},
+        ),
+        *(
+            Contest(
+                f"Worlds, {count:,} at a time",
+                "worlds stepped/s",
+                {
+                    "skydog, 3 sheep and a dog": (OURS, "worlds_worker.py", {"worlds": count}),
+                    "VMAS flocking, 4 agents": (python, "vmas_worker.py", {"worlds": count}),
+                },
+                {"VMAS flocking, 4 agents": 100},
+            )
+            for count in (1, 1024)
+        ),
+    ]
+    lines = [
+        "# Benchmarks",
+        "",
+        f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by `{shlex.join(sys.orig_argv)}` on "
+        f"{_processor()}, {len(cores)} cores, no accelerator. One core each, in turns, "
+        f"{rounds} rounds of about {seconds:g} s; compiling and warming up are not timed.",
+        "",
+    ]
+    versions: dict[str, str] = {"skydog's python": platform.python_version()}
+    for contest in contests:
+        progress.print(f"{contest.title}: starting and warming up ...")
+        timed = _in_turns(contest, cores[-1], rounds, seconds, versions, progress)
+        lines += [f"## {contest.title}", "", *_table(contest, timed), ""]
+    progress.print("A second core ...")
+    lines += ["## A second core", "", *_second_core(cores, rounds, seconds), ""]
+    progress.print("The main job ...")
+    lines += ["## The main job", "", *_main_job(), ""]
+    furthest = max(agreement.observation, agreement.reward, agreement.state)
+    lines += [
+        "## What is compared",
+        "",
+        "**Training** is the *drive* lesson with the same networks, batch, memory, noise and one "
+        "update a step; theirs is the lesson over again in plain NumPy, so that it pays for no "
+        f"JAX. From {agreement.cases} random states the two differ by at most {furthest:.1e} in "
+        "observation, reward and next state, and their starts are alike. Stable-Baselines3 and "
+        "SBX have one learning rate for both networks, the critic's; skydog averages its actor "
+        "besides. torch has one thread.",
+        "",
+        "**Worlds** are not the same task: VMAS has no shepherding. Flocking with four agents is "
+        "the nearest; its worlds have collisions and observations, ours the flock's forces.",
+        "",
+        "Versions: " + ", ".join(f"{name} {number}" for name, number in versions.items()) + ".",
+        "",
+        "How cost grows with sheep, worlds and seeds: [growth.md](growth.md).",
+    ]
+    print("\n".join(lines))
+    if out is not None:
+        files.write_text(out, "\n".join([*lines, ""]))
+
+
+def _in_turns(
+    contest: Contest,
+    core: int,
+    rounds: int,
+    seconds: float,
+    versions: dict[str, str],
+    progress: Console,
+) -> dict[str, list[Slice]]:
+    workers: dict[str, Worker] = {}
+    try:
+        for name, (python, script, task) in contest.sides.items():
+            workers[name] = Worker(python, script, core, "run: make bench", **task)
+            told = workers[name].versions
+            versions |= {what: number for what, number in told.items() if what != "python"}
+        steps = {name: _warm_up(worker, seconds) for name, worker in workers.items()}
+        timed: dict[str, list[Slice]] = {name: [] for name in workers}
+        for number in range(rounds):
+            for name, worker in workers.items():
+                timed[name].append(worker.work(steps[name]))
+            speeds = ", ".join(f"{slices[-1].speed:,.0f}" for slices in timed.values())
+            progress.print(f"  round {number + 1} of {rounds}: {speeds}", highlight=False)
+        return timed
+    finally:
+        for worker in workers.values():
+            worker.stop()
+
+
+def _warm_up(worker: Worker, seconds: float) -> int:
+    """The steps that last about so many seconds."""
+    steps = 1_000
+    while (slice := worker.work(steps)).seconds < seconds / 4:
+        steps = int(steps * min(20.0, max(2.0, 0.5 * seconds / slice.seconds)))
+    return max(1, round(slice.speed * seconds))
+
+
+def _table(contest: Contest, timed: dict[str, list[Slice]]) -> list[str]:
+    ours = next(iter(timed))
+    lines = [
+        f"| {contest.unit} | median | least | most | ratio (least to most) | aim | of the core |",
+        "| --- | --: | --: | --: | --: | --: | --: |",
+    ]
+    for name, slices in timed.items():
+        speeds = [slice.speed for slice in slices]
+        cells = [f"{how(speeds):,.0f}" for how in (statistics.median, min, max)]
+        ratio = aim = ""
+        if name != ours:
+            pairs = zip(timed[ours], slices, strict=True)
+            times = [one.speed / other.speed for one, other in pairs]
+            ratio = f"{statistics.median(times):.1f} × ({min(times):.1f} to {max(times):.1f})"
+            aim = f"{contest.aims[name]:g} ×"
+        had = f"{min(slice.had for slice in slices):.0%}"
+        lines.append(f"| {' | '.join([name, *cells, ratio, aim, had])} |")
+    return lines
+
+
+def _second_core(cores: list[int], rounds: int, seconds: float) -> list[str]:
+    """What two pinned trainings do together, beside what one does alone."""
+    if len(cores) < 2:
+        return ["This machine has one core."]
+    workers = [Worker(OURS, "skydog_worker.py", core, "") for core in cores[:2]]
+    try:
+        steps = [_warm_up(worker, seconds) for worker in workers]
+        scaled = []
+        for _ in range(rounds):
+            alone = [worker.work(count) for worker, count in zip(workers, steps, strict=True)]
+            for worker, count in zip(workers, steps, strict=True):
+                worker.tell(steps=count, what="learn")
+            both = [Slice(**worker.hear()) for worker in workers]
+            one = statistics.mean(slice.speed for slice in alone)
+            scaled.append(sum(slice.speed for slice in both) / one)
+    finally:
+        for worker in workers:
+            worker.stop()
+    middle = statistics.median(scaled)
+    return [
+        f"Two trainings, a core each, do {middle:.2f} × ({min(scaled):.2f} to {max(scaled):.2f}) "
+        "what one does alone (aim: 1.8 ×)."
+    ]
+
+
+def _main_job() -> list[str]:
+    """Time and memory of `skydog herd`, all its processes together."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [str(OURS), "-m", "skydog.cli", "herd", "--out", folder + "/run"]
+        began, most = time.monotonic(), 0
+        with open(folder + "/told", "w") as told:
+            job = subprocess.Popen(command, stdout=told, stderr=told, start_new_session=True)
+            while job.poll() is None:
+                most = max(most, _memory(job.pid))
+                time.sleep(0.1)
+        took = time.monotonic() - began
+        if job.returncode:
+            raise Refusal(f"skydog herd failed: {Path(folder + '/told').read_text()[-500:]}")
+    largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024**2
+    return [
+        f"`skydog herd` took {took:.0f} s, with {most / 1024**3:.2f} GB resident at most in all "
+        f"its processes together (aim: 1.5 GB), {largest:.2f} GB in the largest."
+    ]
+
+
+def _memory(session: int) -> int:
+    """Bytes resident of all processes of a session; what they share is counted for each."""
+    total = 0
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+            if int(fields[3]) == session:
+                total += int(fields[21]) * os.sysconf("SC_PAGE_SIZE")
+        except (OSError, IndexError):
+            continue  # it has ended
+    return total
+
+
+def _processor() -> str:
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text().splitlines() if told.exists() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()
+
+
+if __name__ == "__main__":
+    try:
+        tyro.cli(bench, prog="bench.py", config=(tyro.conf.FlagCreatePairsOff,))
+    except Refusal as refusal:
+        print(f"bench: {refusal}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("bench: stopped", file=sys.stderr)
+        sys.exit(130)
