@@ -280,9 +280,10 @@ def _keep_compiled() -> None:
         kept.mkdir(mode=0o700, parents=True, exist_ok=True)
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(kept))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-        # XLA warns at length that its own tuning hints are no features of the processor. What
-        # goes wrong in earnest is raised, too.
-        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+        # XLA warns, in pages, that its own tuning hints are no features of the processor. What
+        # goes wrong in earnest is raised, too. 1 is what jax sets where nobody has.
+        if os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") == "1":
+            os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
 
 
 def _processor() -> str:
