@@ -178,6 +178,11 @@ def test_tensorboard_that_is_missing_is_refused_with_the_line_to_type(refused, m
     assert "pip install 'skydog[tensorboard]'" in message
 
 
+@pytest.mark.parametrize("option", ["--seeds", "--episodes"])
+def test_a_study_of_nothing_is_refused(refused, option):
+    assert option in refused("reproduce", option, "0", "--out", "study")
+
+
 # What is printed
 
 

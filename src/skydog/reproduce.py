@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from skydog import console, files, teaching
+from skydog.errors import Refusal
 from skydog.learning.course import Course
 from skydog.learning.lessons import HORIZON
 from skydog.learning.workers import Job
@@ -111,9 +112,12 @@ class Flight:
 def reproduce(out: Path, plan: Plan, from_zoo: bool, command: str) -> Results | None:
     """Do the study into a run folder, and return its results; None if it was stopped.
 
-    What was trained in the folder before is not trained again. Raises `Refusal` for an `out`
-    that cannot be written, or that holds trainings of another kind.
+    What was trained in the folder before is not trained again. Raises `Refusal` for a plan of
+    nothing, and for an `out` that cannot be written or that holds trainings of another kind.
     """
+    for name, value in (("seeds", plan.seeds), ("episodes", plan.episodes)):
+        if value < 1:
+            raise Refusal(f"there are at least 1 {name}, got {value}; try --{name} 8")
     out = files.folder(out)
     if from_zoo:
         taught = from_the_zoo()
