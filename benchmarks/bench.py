@@ -126,6 +126,7 @@ def bench(
     cores = sorted(os.sched_getaffinity(0))
     progress = Console(stderr=True)
     progress.print("Comparing the task with its copy in NumPy ...")
+    from growth import processor
     from same_task import check, lesson, numbers
 
     from skydog.learning import ddpg
@@ -166,7 +167,7 @@ def bench(
         "# Benchmarks",
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by `{shlex.join(sys.orig_argv)}` on "
-        f"{_processor()}, {len(cores)} cores, no accelerator. One core each, in turns, "
+        f"{processor()}, {len(cores)} cores, no accelerator. One core each, in turns, "
         f"{rounds} rounds of about {seconds:g} s; compiling and warming up are not timed.",
         "",
     ]
@@ -313,13 +314,6 @@ def _memory(session: int) -> int:
         except (OSError, IndexError):
             continue  # it has ended
     return total
-
-
-def _processor() -> str:
-    told = Path("/proc/cpuinfo")
-    lines = told.read_text().splitlines() if told.exists() else []
-    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

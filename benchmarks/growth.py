@@ -44,7 +44,7 @@ def main() -> None:
     device = jax.devices()[0]
     where = f"{device.platform}: {device.device_kind}, {len(jax.devices())} of them"
     if device.platform == "cpu":
-        where += f", {_processor()}, {len(_cores())} cores"
+        where += f", {processor()}, {len(_cores())} cores"
     print(f"Running on {where}.", flush=True)
     tables = [
         ("One flock", "sheep", "steps/s", SHEEP, flock),
@@ -206,7 +206,8 @@ def _cores() -> set[int]:
     return set(range(os.cpu_count() or 1))
 
 
-def _processor() -> str:
+def processor() -> str:
+    """What the machine calls its processor."""
     told = Path("/proc/cpuinfo")
     lines = told.read_text().splitlines() if told.exists() else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]

@@ -127,13 +127,14 @@ def test(
 ) -> int:
     """Fly a shepherd through test cases, and print how good it is.
 
-    A sheepdog is named by its file or its run folder; flown in an arena other than the one it
-    learnt in, it scales what it sees and does by ξ, as in the paper.
+    A sheepdog is named by its file, its run folder, or its name among those that ship, such as
+    h-ddpg-4x4; flown in an arena other than the one it learnt in, it scales what it sees and
+    does by ξ, as in the paper.
 
     Example: skydog test runs/herd --arena 6 --cases 1000 --starts random
 
     Args:
-        shepherd: A sheepdog's file or run folder, or the rule dog, strombom.
+        shepherd: A sheepdog's file, run folder or name, or the rule dog, strombom.
         preset: The world of the missions; see skydog presets.
         arena: Side of the arena in metres; the preset's own if not given.
         sheep: Sheep in the flock.
