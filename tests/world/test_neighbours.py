@@ -43,10 +43,12 @@ def agree(sheep, radius=RADIUS):
     slack = 1e-5 * (1 + len(sheep))
     np.testing.assert_allclose(neighbours.cells(sheep, radius), expected, atol=slack)
     np.testing.assert_allclose(neighbours.blocks(sheep, radius), expected, atol=slack)
+    some = neighbours.by_coordinate(sheep, sheep, radius)
+    np.testing.assert_allclose(some, expected, atol=slack)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_cells_and_blocks_push_as_all_pairs_do(layout):
+def test_every_means_pushes_as_all_pairs_do(layout):
     agree(LAYOUTS[layout])
 
 
@@ -106,7 +108,7 @@ def test_a_large_flock_moves_as_if_all_pairs_were_looked_at(monkeypatch, means):
     )
     many = flock.force(world.flock, state.sheep, state.dogs, state.force)
     for module in (neighbours, flock):
-        monkeypatch.setattr(module, "ALL_PAIRS", 10**6)
+        monkeypatch.setattr(module, "A_FEW", 10**6)
     plain = flock.force(world.flock, state.sheep, state.dogs, state.force)
     assert np.asarray(plain).any()
     np.testing.assert_allclose(many, plain, atol=1e-3)

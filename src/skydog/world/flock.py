@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skydog.world.neighbours import ALL_PAIRS, pushes
+from skydog.world.neighbours import A_FEW, ALL_PAIRS, pushes
 from skydog.world.params import Flock
 from skydog.world.vectors import Scalar, norm, unit
 
@@ -49,7 +49,7 @@ def group(sheep: Float[Array, "sheep 2"], neighbours: int | None) -> Float[Array
         return jnp.zeros_like(sheep)
     if neighbours is None or neighbours >= flockmates:
         # Summed as differences, so that for sheep at one point it is exactly zero.
-        if len(sheep) <= ALL_PAIRS:
+        if len(sheep) <= A_FEW:
             return unit(jnp.sum(sheep[None, :] - sheep[:, None], axis=1))
         away = sheep - sheep[0]
         return unit(jnp.sum(away, axis=0) - len(sheep) * away)

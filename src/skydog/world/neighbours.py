@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 
 from skydog.world.vectors import Scalar, norm, unit
 
-ALL_PAIRS = 300  # sheep up to which all pairs at once are the fastest
+A_FEW = 30  # sheep up to which pairs as vectors are the fastest
+ALL_PAIRS = 300  # sheep up to which all pairs at once are
 BLOCK = 64  # sheep whose pairs with all others are in memory at a time, where cells are missing
 
 
@@ -21,8 +22,10 @@ def pushes(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "shee
     Chooses the fastest means: all pairs up to `ALL_PAIRS` sheep; beyond that cells, on a CPU
     with numba; else all pairs, block by block.
     """
-    if len(sheep) <= ALL_PAIRS:
+    if len(sheep) <= A_FEW:
         return all_pairs(sheep, sheep, radius)
+    if len(sheep) <= ALL_PAIRS:
+        return by_coordinate(sheep, sheep, radius)
     if jax.default_backend() == "cpu" and compiled():
         return cells(sheep, radius)
     return blocks(sheep, radius)
@@ -37,11 +40,26 @@ def all_pairs(
     return jnp.sum(jnp.where(near[..., None], unit(away), 0.0), axis=1)
 
 
+def by_coordinate(
+    sheep: Float[Array, "some 2"], others: Float[Array, "others 2"], radius: Scalar
+) -> Float[Array, "some 2"]:
+    """`all_pairs`, one coordinate at a time: five times as fast for some hundred sheep.
+
+    XLA vectorises over the sheep, which stand along the last axis.
+    """
+    x, y = sheep.T[:, None, :] - others.T[:, :, None]
+    squared = x * x + y * y
+    near = (squared > 0.0) & (jnp.sqrt(squared) <= radius)
+    distance = jnp.sqrt(jnp.where(near, squared, 1.0))
+    push = [jnp.sum(jnp.where(near, along / distance, 0.0), axis=0) for along in (x, y)]
+    return jnp.stack(push, axis=-1)
+
+
 def blocks(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "sheep 2"]:
     """The pushes, every pair looked at, in memory that grows only as the flock does."""
 
     def push(one: Float[Array, "2"]) -> Float[Array, "2"]:
-        return all_pairs(one[None], sheep, radius)[0]
+        return by_coordinate(one[None], sheep, radius)[0]
 
     return jax.lax.map(push, sheep, batch_size=BLOCK)
 
