@@ -37,7 +37,7 @@ zoo:  ## Ship the sheepdogs that make reproduce chose
 lock: $(VENV)/dev.stamp  ## Resolve the dependencies anew
 	$(BIN)/python -m pip install uv
 	$(BIN)/uv pip compile $(LOCK) --group build -o locks/run.txt pyproject.toml
-	$(BIN)/uv pip compile $(LOCK) --group build --group dev -o locks/dev.txt pyproject.toml
+	$(BIN)/uv pip compile $(LOCK) --all-extras --group build --group dev --group docs -o locks/dev.txt pyproject.toml
 LOCK := --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--no-emit-index-url --upgrade --custom-compile-command "make lock"
 
