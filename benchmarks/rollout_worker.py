@@ -18,7 +18,7 @@ STEPS = 1_000  # of a mission
 world = skydog.preset("paper")
 state = skydog.reset(world, jax.random.key(0))
 fly = jax.jit(lambda state: skydog.rollout(world, skydog.Strombom(), state, STEPS))
-jax.block_until_ready(fly(state))
+trace = jax.block_until_ready(fly(state))
 slices.answer(jax=jax.__version__)
 for request in asked:
     watch = slices.Watch()

@@ -95,7 +95,7 @@ class Lesson(eqx.Module):
         for_centre, for_angle, for_radius, for_stray, for_dog, for_scale = jax.random.split(key, 6)
         small, large = map(math.log, self.scales)
         scale = jnp.exp(jax.random.uniform(for_scale, minval=small, maxval=large))
-        world = self._lived_in(scale)
+        world = self.lived_in(scale)
         size = world.arena.size
         radius = herding.gathered_radius(self.world.flock, self.sheep)
         centre = size * jax.random.uniform(for_centre, (2,), minval=0.15, maxval=0.9)
@@ -118,19 +118,19 @@ class Lesson(eqx.Module):
     def observe(self, episode: Episode) -> Float[Array, "4"]:
         """What the dog sees, as a sheepdog does: `sheepdog.OBSERVES`, in metres times ξ."""
         state = episode.state
-        seen = sheepdog.observe(state.sheep, state.dogs, self._subgoal(episode))[0]
+        seen = sheepdog.observe(state.sheep, state.dogs, self.subgoal(episode))[0]
         return episode.scale * seen
 
     def step(self, episode: Episode, action: Float[Array, "2"]) -> tuple[Episode, Outcome]:
         """Fly one step; `action` is the velocity in shares of the speed limit, before 1/ξ."""
-        before, world = episode.state, self._lived_in(episode.scale)
+        before, world = episode.state, self.lived_in(episode.scale)
         flown = sheepdog.stretched(action, episode.scale) if self.stretches else action
         after = mission.step(world, before, world.dog.speed * flown[None])
         moved = Episode(after, episode.scale, episode.step + 1, episode.arrived)
 
         aim = 1.0 if self.reward == "paper" else NEARER
-        was = norm(before.dogs - self._subgoal(episode, aim))[0]
-        now = norm(after.dogs - self._subgoal(moved, aim))[0]
+        was = norm(before.dogs - self.subgoal(episode, aim))[0]
+        now = norm(after.dogs - self.subgoal(moved, aim))[0]
         arrived = now <= ARRIVAL
         if self.reward == "paper":
             reward = jnp.where(now <= was, 0.1, -0.1)
@@ -153,11 +153,12 @@ class Lesson(eqx.Module):
         stray = jnp.argmax(norm(before.sheep - centre))
         return norm(before.sheep[stray] - centre) - norm(after.sheep[stray] - centre)
 
-    def _subgoal(self, episode: Episode, aim: float = 1.0) -> Float[Array, "dogs 2"]:
+    def subgoal(self, episode: Episode, aim: float = 1.0) -> Float[Array, "1 2"]:
+        """The point to fly to, in metres; `aim` shortens how far it lies behind the sheep."""
         state = episode.state
         world = eqx.tree_at(
             lambda w: (w.dog.driving, w.dog.collecting),
-            self._lived_in(episode.scale),
+            self.lived_in(episode.scale),
             replace_fn=lambda offset: offset * aim,
         )
         if self.skill == "drive":
@@ -166,5 +167,6 @@ class Lesson(eqx.Module):
             point, _ = herding.collecting_points(world, state.sheep, state.dogs)
         return herding.within_airspace(world, point)
 
-    def _lived_in(self, scale: Float[Array, ""]) -> World:
+    def lived_in(self, scale: Float[Array, ""]) -> World:
+        """The world of an episode at a scale: its arena is 1/ξ times as long."""
         return eqx.tree_at(lambda w: w.arena.size, self.world, self.world.arena.size / scale)

@@ -5,6 +5,7 @@ from importlib import resources
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PRNGKeyArray
 
 from skydog.errors import Refusal
 from skydog.words import CaseSet, Starts
@@ -34,23 +35,32 @@ def cases(
     """
     if count < 1:
         raise Refusal(f"a test needs at least 1 case, got {count}; try --cases 30")
+    check(starts, sheep, dogs)
+    keys = jax.random.split(jax.random.key(seed), count)
+    return jax.vmap(lambda key: draw(world, key, starts, sheep, dogs))(keys)
+
+
+def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: int = 1) -> State:
+    """One start, of the kinds that `cases` tells of."""
+    drawn = mission.reset(world, key, sheep, dogs)
+    if starts == "random":
+        return drawn
+    return mission.start(jnp.asarray(PAPER_LAYOUT) * world.arena.size, drawn.dogs)
+
+
+def check(starts: str, sheep: int, dogs: int) -> None:
+    """Raise `Refusal` for starts that cannot be drawn."""
     if starts not in ("paper", "random"):
         raise Refusal(f"no starts are called {starts!r}; choose from paper, random")
     if sheep < 1:
         raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
     if dogs < 1:
         raise Refusal(f"a mission needs at least 1 dog, got {dogs}; try --dogs 1")
-    keys = jax.random.split(jax.random.key(seed), count)
-    drawn = jax.vmap(lambda key: mission.reset(world, key, sheep, dogs))(keys)
-    if starts == "random":
-        return drawn
-    if sheep != len(PAPER_LAYOUT):
+    if starts == "paper" and sheep != len(PAPER_LAYOUT):
         raise Refusal(
             f"the paper starts place {len(PAPER_LAYOUT)} sheep, this flock has {sheep}; "
             "try --starts random"
         )
-    placed = jnp.asarray(PAPER_LAYOUT) * world.arena.size
-    return jax.vmap(lambda state: mission.start(placed, state.dogs))(drawn)
 
 
 def shipped(world: World, name: CaseSet) -> State:

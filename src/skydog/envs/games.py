@@ -1,0 +1,268 @@
+"""What the environments play: a mission or a lesson, as pure functions of an episode."""
+
+from operator import index
+from typing import Any, Literal, get_args
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
+
+from skydog.errors import Refusal
+from skydog.learning import lessons
+from skydog.learning.lessons import Lesson, Outcome
+from skydog.shepherds import sheepdog
+from skydog.study import cases
+from skydog.words import Reward, Starts
+from skydog.world import herding, mission, params
+from skydog.world.mission import State
+from skydog.world.params import World
+from skydog.world.vectors import Scalar, norm
+
+Task = Literal["herd", "collect", "drive"]
+"""The whole mission, or one of the two lessons."""
+
+Observation = Literal["compact", "full"]
+"""What a dog sees: the paper's four numbers, or where everybody is, seen from it."""
+
+MOST = 10_000  # sheep or dogs
+
+# What is told beside the observation, by name and kind: see `told`.
+TOLD = {
+    "success": bool,
+    "steps": int,
+    "distance": float,
+    "dog_to_subgoal": float,
+    "centre_to_goal": float,
+    "spread": float,
+    "drives": bool,
+}
+
+# What a mission pays besides the metres gained: for its end, and for every step.
+ACCOMPLISHED = 1.0
+STEP_COST = 0.01
+
+
+class Mission(eqx.Module):
+    """A herding mission under way."""
+
+    state: State
+    key: PRNGKeyArray  # of its noise
+    step: Int[Array, ""]
+
+
+class Herd(eqx.Module):
+    """The whole mission: collect the strays, drive the flock home.
+
+    The reward is the metres by which the flock came nearer to its end in the step: the sheep's
+    mean distance to the goal, and how far the stray stands beyond f(N). Less `STEP_COST`; and
+    `ACCOMPLISHED` when all are home and gathered, which ends the episode. It adds up to about
+    the same over any mission that succeeds, less the time it took. Ours; the paper rewards
+    lessons only.
+    """
+
+    world: World
+    sheep: int = eqx.field(static=True, default=3)
+    dogs: int = eqx.field(static=True, default=1)
+    starts: Starts = eqx.field(static=True, default="random")
+    noisy: bool = eqx.field(static=True, default=False)
+
+    def start(self, key: PRNGKeyArray) -> Mission:
+        """A mission that has not begun."""
+        for_start, for_noise = jax.random.split(key)
+        state = cases.draw(self.world, for_start, self.starts, self.sheep, self.dogs)
+        return Mission(state, for_noise, jnp.asarray(0))
+
+    def step(self, episode: Mission, action: Float[Array, "dogs 2"]) -> tuple[Mission, Outcome]:
+        """Fly one step; `action` is each dog's velocity, in shares of the speed limit."""
+        moving = self._chances(episode)[0] if self.noisy else None
+        velocity = mission.limited(self.world.dog, self.world.dog.speed * action)
+        after = mission.step(self.world, episode.state, velocity, moving)
+        success = mission.accomplished(self.world, after)
+        reward = self._to_do(episode.state) - self._to_do(after) - STEP_COST
+        moved = Mission(after, episode.key, episode.step + 1)
+        reward = reward + ACCOMPLISHED * success
+        return moved, Outcome(reward, success, jnp.asarray(False), success)
+
+    def seen(self, episode: Mission) -> tuple[State, Float[Array, "dogs 2"], Float[Array, ""]]:
+        """What the dogs make out: the state, their subgoals in it, and the scale, which is 1."""
+        state = episode.state
+        if self.noisy:
+            state = mission.perceive(self.world, state, self._chances(episode)[1])
+        subgoal, _ = herding.gate(self.world, state.sheep, state.dogs)
+        return state, subgoal, jnp.ones(())
+
+    def aim(self, episode: Mission) -> tuple[World, State, Float[Array, "dogs 2"], Array, Array]:
+        """World, state, subgoals, who drives, and whether it is accomplished."""
+        subgoal, drives = herding.gate(self.world, episode.state.sheep, episode.state.dogs)
+        success = mission.accomplished(self.world, episode.state)
+        return self.world, episode.state, subgoal, drives, success
+
+    def _to_do(self, state: State) -> Float[Array, ""]:
+        away = jnp.mean(norm(state.sheep - herding.goal(self.world.arena)))
+        stray = jnp.max(norm(state.sheep - herding.gcm(state.sheep)))
+        spread = herding.gathered_radius(self.world.flock, self.sheep)
+        return away + jnp.maximum(stray - spread, 0.0)
+
+    def _chances(self, episode: Mission) -> Key[Array, "2"]:
+        # As `mission.instant` draws them, so that an environment flies a rollout over again.
+        return jax.random.split(jax.random.fold_in(episode.key, episode.step))
+
+
+class Taught(eqx.Module):
+    """A lesson as it is taught to our own learners: `skydog.learning.lessons.Lesson`."""
+
+    lesson: Lesson
+    dogs: int = eqx.field(static=True, default=1)
+
+    @property
+    def world(self) -> World:
+        """The world at scale 1."""
+        return self.lesson.world
+
+    @property
+    def sheep(self) -> int:
+        """Sheep in the flock."""
+        return self.lesson.sheep
+
+    def start(self, key: PRNGKeyArray) -> lessons.Episode:
+        """A lesson that has not begun."""
+        return self.lesson.start(key)
+
+    def step(
+        self, episode: lessons.Episode, action: Float[Array, "1 2"]
+    ) -> tuple[lessons.Episode, Outcome]:
+        """Fly one step; `action` is the velocity in shares of the speed limit."""
+        return self.lesson.step(episode, action[0])
+
+    def seen(self, episode: lessons.Episode) -> tuple[State, Float[Array, "1 2"], Float[Array, ""]]:
+        """The state, the subgoal in it, and the scale that the dog sees them at."""
+        return episode.state, self.lesson.subgoal(episode), episode.scale
+
+    def aim(
+        self, episode: lessons.Episode
+    ) -> tuple[World, State, Float[Array, "1 2"], Array, Array]:
+        """World, state, subgoal, whether it drives, and whether it has arrived."""
+        drives = jnp.full(1, self.lesson.skill == "drive")
+        subgoal = self.lesson.subgoal(episode)
+        return self.lesson.lived_in(episode.scale), episode.state, subgoal, drives, episode.arrived
+
+
+class Played(eqx.Module):
+    """An episode, and how far the dogs have flown in it."""
+
+    episode: Any  # of the game that is played
+    flown: Float[Array, ""]  # metres, all dogs together
+
+
+Game = Herd | Taught
+
+
+def game(
+    task: str,
+    preset: str = "paper",
+    arena: float | None = None,
+    sheep: int = 3,
+    dogs: int = 1,
+    starts: str = "random",
+    reward: str = "progress",
+    world: World | None = None,
+) -> Game:
+    """The game of a `Task`, in a preset's world or in one of your own.
+
+    Raises `Refusal` for what cannot be played.
+    """
+    what: Any = one_of(task, Task, "task")
+    where: Any = one_of(starts, Starts, "starts")
+    pays: Any = one_of(reward, Reward, "reward")
+    for who, count in (("sheep", sheep), ("dogs", dogs)):
+        if not 1 <= index(count) <= MOST:
+            raise Refusal(f"{who} must be from 1 to {MOST:,}, got {count}")
+    chosen = params.preset(preset, arena, sheep) if world is None else world
+    # As arrays they are arguments of what is compiled, which then serves every world.
+    traced = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), chosen)
+    if what == "herd":
+        cases.check(where, sheep, dogs)
+        return Herd(traced, sheep, dogs, where, params.noisy(chosen))
+    return Taught(Lesson(traced, what, pays, sheep))
+
+
+def one_of(value: str, words: Any, what: str) -> Any:
+    """A word, if it is one of those. Raises `Refusal`, which lists them."""
+    if value not in get_args(words):
+        raise Refusal(f"no {what} is called {value!r}; choose from {', '.join(get_args(words))}")
+    return value
+
+
+def begin(game: Game, key: PRNGKeyArray) -> Played:
+    """An episode that has not begun."""
+    return Played(game.start(key), jnp.zeros(()))
+
+
+def place(played: Played, where: dict[str, Float[Array, "some 2"]]) -> Played:
+    """The mission begun somewhere else: `sheep` and `dogs` in metres, those that are given."""
+    state = eqx.tree_at(
+        lambda state: [getattr(state, who) for who in where],
+        played.episode.state,
+        list(where.values()),
+    )
+    return eqx.tree_at(lambda played: played.episode.state, played, state)
+
+
+def turn(game: Game, played: Played, action: Float[Array, "dogs 2"]) -> tuple[Played, Outcome]:
+    """The episode a step later, and what the step brought."""
+    before = played.episode.state.dogs
+    episode, outcome = game.step(played.episode, action)
+    flown = jnp.sum(norm(episode.state.dogs - before))
+    return Played(episode, played.flown + flown), outcome
+
+
+def observe(game: Game, played: Played, how: Observation) -> Float[Array, "dogs seen"]:
+    """What each dog sees, in metres (times ξ in a lesson), within `reach`.
+
+    `compact`: `skydog.shepherds.sheepdog.OBSERVES`. `full`: from the dog to each sheep, to the
+    goal, and to each other dog, x and y in turn.
+    """
+    state, subgoal, scale = game.seen(played.episode)
+    if how == "compact":
+        seen = sheepdog.observe(state.sheep, state.dogs, subgoal)
+    else:
+        count = len(state.dogs)
+        goal = jnp.broadcast_to(herding.goal(game.world.arena), (count, 1, 2))
+        sheep = jnp.broadcast_to(state.sheep, (count, *state.sheep.shape))
+        others = jnp.stack([jnp.roll(state.dogs, -dog, axis=0)[1:] for dog in range(count)])
+        everybody = jnp.concatenate([sheep, goal, others], axis=1)
+        seen = (everybody - state.dogs[:, None]).reshape(count, -1)
+    return jnp.clip(scale * seen, -reach(game), reach(game))
+
+
+def reach(game: Game) -> Scalar:
+    """The furthest, in metres on an axis, that anything can be from a dog, as the dog sees it."""
+    widest = max(1.0, game.lesson.scales[1]) if isinstance(game, Taught) else 1.0
+    arena, dog = game.world.arena, game.world.dog
+    return arena.size + 2.0 * widest * dog.airspace
+
+
+def numbers(game: Game, how: Observation) -> int:
+    """How many numbers a dog sees."""
+    return 4 if how == "compact" else 2 * (game.sheep + game.dogs)
+
+
+def told(game: Game, played: Played) -> dict[str, Array]:
+    """What is told beside the observation: how far the mission or lesson has come.
+
+    `success`; `steps`; `distance`, metres flown by all dogs; `dog_to_subgoal` and
+    `centre_to_goal`, metres; `spread`, metres from the flock's centre to its stray; `drives`,
+    whether all dogs drive, else they collect.
+    """
+    world, state, subgoal, drives, success = game.aim(played.episode)
+    centre = herding.gcm(state.sheep)
+    return {
+        "success": success,
+        "steps": played.episode.step,
+        "distance": played.flown,
+        "dog_to_subgoal": jnp.mean(norm(state.dogs - subgoal)),
+        "centre_to_goal": norm(centre - herding.goal(world.arena)),
+        "spread": jnp.max(norm(state.sheep - centre)),
+        "drives": jnp.all(drives),
+    }

@@ -1,0 +1,64 @@
+"""What an environment is told: actions, seeds and options, checked before anything moves."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium.error import InvalidAction
+
+from skydog.envs.games import Game, Taught
+from skydog.errors import Refusal
+
+
+def action(told: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """An action as float32. Raises `InvalidAction` for another shape, or what is no number."""
+    try:
+        given = np.asarray(told)
+        if given.dtype.kind not in "fiu":
+            raise ValueError
+        numbers = given.astype(np.float32)
+    except (TypeError, ValueError):
+        raise InvalidAction(
+            f"an action is numbers from -1 to 1 of shape {shape}, got {_short(told)}; "
+            "try env.action_space.sample()"
+        ) from None
+    if numbers.shape != shape:
+        raise InvalidAction(
+            f"an action has the shape {shape}, got {numbers.shape}; try env.action_space.sample()"
+        )
+    if not np.all(np.isfinite(numbers)):
+        raise InvalidAction(f"an action is finite, got {_short(told)}; has the learner diverged?")
+    return numbers
+
+
+def placed(game: Game, options: dict[str, Any] | None) -> dict[str, np.ndarray]:
+    """Where `reset` was told to place `sheep` and `dogs`, in metres.
+
+    Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
+    """
+    arena, dog = game.world.arena, game.world.dog
+    size, beyond = float(arena.size), float(dog.airspace)
+    bounds = {"sheep": (game.sheep, 0.0, size), "dogs": (game.dogs, -beyond, size + beyond)}
+    if isinstance(game, Taught):  # it draws the arena too
+        bounds = {}
+    where = {}
+    for name, value in (options or {}).items():
+        if name not in bounds:
+            choices = ", ".join(bounds) or "none: a lesson draws its start"
+            raise Refusal(f"reset has no option {name!r}; choose from {choices}")
+        count, low, high = bounds[name]
+        try:
+            where[name] = np.asarray(value, np.float32)
+        except (TypeError, ValueError):
+            where[name] = np.full((count, 2), np.nan, np.float32)
+        inside = (low <= where[name]) & (where[name] <= high)
+        if where[name].shape != (count, 2) or not inside.all():
+            raise Refusal(
+                f"the option {name!r} places {count}, x and y from {low:g} to {high:g} m each, "
+                f"got {_short(value)}"
+            )
+    return where
+
+
+def _short(value: Any) -> str:
+    told = repr(value).replace("\n", " ")
+    return told if len(told) <= 60 else told[:57] + "..."

@@ -1,0 +1,158 @@
+"""The mission of several dogs, each an agent, as a PettingZoo parallel environment."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import InvalidAction, ResetNeeded
+from pettingzoo import ParallelEnv
+
+from skydog.envs import games, inputs
+from skydog.envs.games import Observation
+from skydog.envs.single import rate, seen_and_done
+from skydog.envs.window import Eyes
+from skydog.errors import Refusal
+from skydog.world.mission import MAX_STEPS
+from skydog.world.params import World
+
+PLACED = ("sheep", "dogs")  # whom an option of `reset` may place
+
+
+class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
+    """The whole mission, `dog_0` and so on each an agent; all are paid the flock's reward.
+
+    Actions, observations and reward are those of `skydog/Herd-v0`, each dog with a subgoal
+    of its own: with more than one stray to fetch, the gate shares them out. The episode ends for
+    all dogs at once, terminated when the mission is accomplished, truncated after `max_steps`.
+    """
+
+    metadata = {
+        "name": "herd_parallel_v0",
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        dogs: int = 3,
+        preset: str = "paper",
+        arena: float | None = None,
+        sheep: int = 3,
+        starts: str = "random",
+        observation: str = "compact",
+        world: World | None = None,
+        max_steps: int = MAX_STEPS,
+        render_mode: str | None = None,
+    ):
+        """`world` takes the place of `preset` and `arena`. Raises `Refusal` for bad values."""
+        if max_steps < 1:
+            raise Refusal(f"max_steps must be 1 or more, got {max_steps}")
+        self.game = games.game("herd", preset, arena, sheep, dogs, starts, world=world)
+        self._how = games.one_of(observation, Observation, "observation")
+        seen, done = seen_and_done(self.game, self._how)
+        self.possible_agents = [f"dog_{number}" for number in range(dogs)]
+        self.agents: list[str] = []
+        # One of its own for each agent: a space holds the generator that samples it.
+        self.observation_spaces = {name: _copy(seen) for name in self.possible_agents}
+        self.action_spaces = {name: _copy(done) for name in self.possible_agents}
+        self.metadata = {**self.metadata, "render_fps": rate(self.game)}
+        self.render_mode = render_mode
+        self._eyes = Eyes(self.game, render_mode, self.metadata)
+        self._max_steps = max_steps
+        self._seed: int | None = None
+        self._episode = 0
+        self._played: Any = None  # a `Played`, once it is reset
+
+    def observation_space(self, agent: str) -> spaces.Space[np.ndarray]:
+        """What a dog sees."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """What a dog is told: a velocity in shares of its speed limit."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        """A fresh episode. `options` may place `sheep` and `dogs`, in metres."""
+        # PettingZoo's own test passes an option that nobody knows, and expects it to be ignored.
+        known = {name: value for name, value in (options or {}).items() if name in PLACED}
+        placed = inputs.placed(self.game, known)
+        if seed is None and self._seed is not None:
+            self._episode += 1
+        else:
+            drawn = int(np.random.default_rng().integers(2**31)) if seed is None else seed
+            self._seed, self._episode = drawn, 0
+        key = jax.random.key(self._seed % 2**32)
+        self._played, seen, told = _begin(self.game, self._how, key, self._episode, placed)
+        self._eyes.begin(self._played)
+        self.agents = list(self.possible_agents)
+        return self._each(np.array(seen)), self._told(told)
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[
+        dict[str, np.ndarray],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Fly one step, with an action for each dog."""
+        if self._played is None or not self.agents:
+            raise ResetNeeded("step needs an episode to be under way; call env.reset() first")
+        if set(actions) != set(self.agents):
+            odd = ", ".join(sorted(map(str, set(actions) ^ set(self.agents))))
+            raise InvalidAction(f"each of {', '.join(self.agents)} has one action; see to {odd}")
+        commands = np.stack([inputs.action(actions[name], (2,)) for name in self.agents])
+        self._played, seen, outcome, told = _turn(self.game, self._how, self._played, commands)
+        self._eyes.see(self._played)
+        info = self._told(told)
+        late = next(iter(info.values()))["steps"] >= self._max_steps
+        ended = bool(outcome.terminated)
+        flown = (
+            self._each(np.array(seen)),
+            dict.fromkeys(self.agents, float(outcome.reward)),
+            dict.fromkeys(self.agents, ended),
+            dict.fromkeys(self.agents, bool(late)),
+            info,
+        )
+        if ended or late:
+            self.agents = []
+        return flown
+
+    def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The arena from above, 480 pixels a side, red, green and blue; None for a window."""
+        if self._played is None:
+            raise ResetNeeded("render needs an episode to be under way; call env.reset() first")
+        return self._eyes.picture()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._eyes.close()
+
+    def _each(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        return dict(zip(self.agents, rows, strict=True))
+
+    def _told(self, told: dict[str, Any]) -> dict[str, dict[str, Any]]:
+        plain = {name: value.item() for name, value in jax.device_get(told).items()}
+        return {name: dict(plain) for name in self.agents}
+
+
+def _copy(space: spaces.Box) -> spaces.Box:
+    return spaces.Box(space.low, space.high, dtype=np.float32)
+
+
+@partial(jax.jit, static_argnames="how")
+def _begin(game, how, key, episode, placed) -> Any:
+    played = games.place(games.begin(game, jax.random.fold_in(key, episode)), placed)
+    return played, games.observe(game, played, how), games.told(game, played)
+
+
+@partial(jax.jit, static_argnames="how")
+def _turn(game, how, played, commands) -> Any:
+    played, outcome = games.turn(game, played, commands)
+    return played, games.observe(game, played, how), outcome, games.told(game, played)

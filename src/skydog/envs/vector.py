@@ -1,0 +1,219 @@
+"""Many worlds as one Gymnasium vector environment, stepped by one compiled call."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.error import ResetNeeded, UnsupportedMode
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from skydog.envs import games, inputs
+from skydog.envs.games import Observation
+from skydog.envs.single import rate, seen_and_done
+from skydog.errors import Refusal
+from skydog.world.params import World
+
+MOST = 1 << 20  # worlds
+
+
+class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
+    """`num_envs` worlds of `skydog.envs.single.Herding`, with the same options and numbers.
+
+    A world whose seed is s + i does what the single environment with that seed does. Where
+    an episode ends, `autoreset_mode` says what follows, as Gymnasium defines it: the reset takes
+    the next step (`AutoresetMode.NEXT_STEP`), happens in the same one, with `final_obs` and
+    `final_info` in `info` (`SAME_STEP`), or is the caller's (`DISABLED`, through
+    `reset(options={"reset_mask": ...})`).
+    """
+
+    metadata = {
+        "render_modes": [],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str = "herd",
+        preset: str = "paper",
+        arena: float | None = None,
+        sheep: int = 3,
+        starts: str = "random",
+        reward: str = "progress",
+        observation: str = "compact",
+        world: World | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+    ):
+        """Raises `Refusal` for bad values, and `UnsupportedMode` for a render mode."""
+        if not 1 <= num_envs <= MOST:
+            raise Refusal(f"num_envs must be from 1 to {MOST:,}, got {num_envs}")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise Refusal(f"max_episode_steps must be 1 or more, got {max_episode_steps}")
+        if render_mode is not None:
+            raise UnsupportedMode(
+                'worlds stepped together are not shown; try vectorization_mode="sync"'
+            )
+        self.num_envs = num_envs
+        self.game = games.game(task, preset, arena, sheep, 1, starts, reward, world)
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {
+            **self.metadata,
+            "autoreset_mode": self._mode,
+            "render_fps": rate(self.game),
+        }
+        self._how = games.one_of(observation, Observation, "observation")
+        self._limit = np.int32(max_episode_steps or np.iinfo(np.int32).max)
+        self.single_observation_space, self.single_action_space = seen_and_done(
+            self.game, self._how
+        )
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._seeds = np.zeros(num_envs, np.uint32)
+        self._episodes = np.zeros(num_envs, np.int32)
+        self._over = np.zeros(num_envs, bool)
+        self._played: Any = None  # `Played` of all worlds, once they are reset
+
+    def reset(
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Fresh episodes, of all worlds or of those in `options["reset_mask"]`.
+
+        `seed` is one for each world, or that of the first, the others counting on.
+        """
+        first = self._played is None
+        again = self._mask(options)
+        if isinstance(seed, int):
+            super().reset(seed=seed)
+            seeds: list[int | None] = [seed + world for world in range(self.num_envs)]
+        else:
+            seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise Refusal(f"{self.num_envs} worlds take as many seeds, got {len(seeds)}")
+        for world in np.flatnonzero(again):
+            given = seeds[world]
+            if given is None and not first:
+                self._episodes[world] += 1
+                continue
+            drawn = int(self.np_random.integers(2**31)) if given is None else given
+            self._seeds[world], self._episodes[world] = drawn % 2**32, 0
+        self._over &= ~again
+        fresh = _begin(self.game, self._seeds, self._episodes)
+        if self._played is None or again.all():
+            self._played = fresh
+        else:
+            self._played = _chosen(again, fresh, self._played)
+        seen, told = _look(self.game, self._how, self._played)
+        return np.array(seen), _masked(told, again)
+
+    def step(
+        self, actions: Any
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Fly one step in every world."""
+        if self._played is None:
+            raise ResetNeeded("step needs episodes to be under way; call envs.reset() first")
+        if self._mode is AutoresetMode.DISABLED and self._over.any():
+            raise ResetNeeded(
+                f"world {int(np.argmax(self._over))} has ended; call envs.reset with "
+                'options={"reset_mask": terminated | truncated}'
+            )
+        commands = inputs.action(actions, (self.num_envs, 2))
+        self._played, new = _turn(
+            self.game,
+            self._how,
+            self._mode.value,
+            self._played,
+            commands,
+            self._over,
+            self._seeds,
+            self._episodes,
+            self._limit,
+        )
+        seen, reward, terminated, truncated, told, again, final = jax.tree.map(np.array, new)
+        self._episodes += again
+        info = _masked(told, np.ones(self.num_envs, bool))
+        if self._mode is AutoresetMode.SAME_STEP and again.any():
+            final_seen, final_told = final
+            info["final_obs"], info["_final_obs"] = np.full(self.num_envs, None), again
+            for world in np.flatnonzero(again):
+                info["final_obs"][world] = final_seen[world]
+            info["final_info"], info["_final_info"] = _masked(final_told, again), again.copy()
+        self._over = terminated | truncated
+        return seen, reward.astype(np.float64), terminated, truncated, info
+
+    def _mask(self, options: dict[str, Any] | None) -> np.ndarray:
+        rest = dict(options or {})
+        mask = rest.pop("reset_mask", np.ones(self.num_envs, bool))
+        if rest:
+            raise Refusal(f"reset has no option {next(iter(rest))!r}; choose from reset_mask")
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            raise TypeError(f"options['reset_mask'] is an array of bool, got {type(mask)}")
+        if mask.shape != (self.num_envs,) or not mask.any():
+            raise Refusal(
+                f"options['reset_mask'] has the shape ({self.num_envs},) and names one world at "
+                f"least, got the shape {mask.shape} and {int(mask.sum())} of them"
+            )
+        return mask
+
+
+def _masked(told: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+    """What is told, beside which worlds it is told of; of others it is nought."""
+    info: dict[str, Any] = {}
+    for name, kind in games.TOLD.items():
+        info[name] = np.where(mask, np.asarray(told[name]), 0).astype(kind)
+        info[f"_{name}"] = mask.copy()
+    return info
+
+
+@jax.jit
+def _begin(game, seeds, episodes) -> Any:
+    def one(seed, episode):
+        return games.begin(game, jax.random.fold_in(jax.random.key(seed), episode))
+
+    return jax.vmap(one)(seeds, episodes)
+
+
+@partial(jax.jit, static_argnames="how")
+def _look(game, how, played) -> Any:
+    seen = jax.vmap(lambda played: games.observe(game, played, how)[0])(played)
+    return seen, jax.vmap(partial(games.told, game))(played)
+
+
+@jax.jit
+def _chosen(which, new, old) -> Any:
+    def choose(new, old):
+        return jnp.where(which.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+    return jax.tree.map(choose, new, old)
+
+
+@partial(jax.jit, static_argnames=("how", "mode"), donate_argnames="played")
+def _turn(game, how, mode, played, commands, over, seeds, episodes, limit) -> Any:
+    after, outcome = jax.vmap(partial(games.turn, game))(played, commands[:, None])
+    terminated = outcome.terminated
+    truncated = outcome.truncated | (after.episode.step >= limit)
+    reward = outcome.reward
+    if mode == AutoresetMode.NEXT_STEP.value:
+        again = over
+        reward = jnp.where(over, 0.0, reward)
+        terminated, truncated = terminated & ~over, truncated & ~over
+    elif mode == AutoresetMode.SAME_STEP.value:
+        again = terminated | truncated
+    else:
+        again = jnp.zeros_like(over)
+    final = _look(game, how, after) if mode == AutoresetMode.SAME_STEP.value else None
+    # Only when there is something to begin: a start costs as much as several steps.
+    now = jax.lax.cond(
+        jnp.any(again),
+        lambda: _chosen(again, _begin(game, seeds, episodes + 1), after),
+        lambda: after,
+    )
+    seen, told = _look(game, how, now)
+    return now, (seen, reward, terminated, truncated, told, again, final)

@@ -1,0 +1,103 @@
+"""What an environment shows: pictures as arrays, or a window."""
+
+from typing import Any
+
+import jax
+import numpy as np
+from gymnasium.error import DependencyNotInstalled, UnsupportedMode
+
+from skydog.envs.games import Game, Played
+
+PIXELS = 480  # the side of a picture
+
+
+class Eyes:
+    """Remembers an episode for its trails, and draws it; without a render mode does nothing."""
+
+    def __init__(self, game: Game, mode: str | None, metadata: dict[str, Any]):
+        """Raises `UnsupportedMode` for a mode that there is not, or a window without a display."""
+        modes = metadata["render_modes"]
+        if mode is not None and mode not in modes:
+            raise UnsupportedMode(f"no render_mode is called {mode!r}; choose from {modes}, None")
+        self._game, self._mode, self._rate = game, mode, metadata["render_fps"]
+        self._window = _Window(PIXELS) if mode == "human" else None
+        self._scenes: list[tuple[Any, ...]] = []
+        self._draw: Any = None
+
+    def begin(self, played: Played) -> None:
+        """Forget the episode before."""
+        self._scenes, self._draw = [], None
+        self.see(played)
+
+    def see(self, played: Played) -> None:
+        """Remember an instant, and show it if there is a window."""
+        if self._mode is None:
+            return
+        self._scenes.append(jax.device_get(_aim(self._game, played)))
+        if self._window is not None:
+            self._window.show(self._drawn(), self._rate)
+
+    def picture(self) -> np.ndarray | None:
+        """The latest instant, 480 pixels a side; None where a window shows it, or nothing does."""
+        return self._drawn() if self._mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+
+    def _drawn(self) -> np.ndarray:
+        from skydog.view.animation import stage
+
+        world, state, subgoal, drives, success = self._scenes[-1]
+        if self._draw is None:
+            world = jax.tree.map(float, world)
+            self._draw = stage(world, len(state.sheep), len(state.dogs), PIXELS)
+        sheep, dogs = (
+            np.stack([getattr(scene[1], who) for scene in self._scenes])
+            for who in ("sheep", "dogs")
+        )
+        return self._draw(sheep, dogs, subgoal, drives, "accomplished" if success else "")
+
+
+class _Window:
+    """A window of pygame's, which is what Gymnasium's own environments open."""
+
+    def __init__(self, pixels: int):
+        try:
+            import pygame
+        except ModuleNotFoundError:
+            raise DependencyNotInstalled(
+                "render_mode=\"human\" needs pygame; run: pip install 'skydog[window]'"
+            ) from None
+        self._pygame = pygame
+        try:
+            pygame.display.init()
+            self._screen = pygame.display.set_mode((pixels, pixels))
+        except pygame.error as problem:
+            raise UnsupportedMode(
+                f'render_mode="human" needs a display ({problem}); '
+                'try render_mode="rgb_array", or set SDL_VIDEODRIVER=dummy'
+            ) from None
+        pygame.display.set_caption("skydog")
+        self._clock = pygame.time.Clock()
+
+    def show(self, picture: np.ndarray, rate: int) -> None:
+        """Put a picture on the screen, no sooner than its time has come."""
+        pygame = self._pygame
+        if not pygame.display.get_init():
+            return
+        surface = pygame.surfarray.make_surface(picture.swapaxes(0, 1))
+        self._screen.blit(surface, (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(rate)
+
+    def close(self) -> None:
+        """Close it; twice does no harm."""
+        self._pygame.display.quit()
+
+
+@jax.jit
+def _aim(game, played):
+    return game.aim(played.episode)
