@@ -200,13 +200,13 @@ def replay(
     traces: Positional[Annotated[tuple[Path, ...], arg(metavar="TRACE")]],
     out: Annotated[Path, arg(aliases=["-o"], metavar="FILE")] = Path("replay.html"),
 ) -> int:
-    """Show missions again: an animated page for the browser, or a GIF.
+    """Show missions again: an animated page for the browser, a GIF or an MP4.
 
-    Example: skydog replay runs/herd/traces/H-DDPG-4x4.safetensors -o flock.gif
+    Example: skydog replay runs/herd/traces/H-DDPG-4x4.safetensors -o flock.mp4
 
     Args:
         traces: Missions, as skydog herd and skydog test --out write them.
-        out: The page, or with a name that ends in .gif a moving picture of the first mission.
+        out: The page; or, by its ending, .gif or .mp4, a film of the missions side by side.
     """
     from skydog.study import traces as store
     from skydog.view import replay as view
@@ -216,6 +216,42 @@ def replay(
     stems = [path.stem for path in traces]
     named = {path.stem if stems.count(path.stem) == 1 else str(path): path for path in traces}
     view.save(out, {name: store.load(path)[0] for name, path in named.items()})
+    print(out)
+    return 0
+
+
+@app.command
+def export(
+    sheepdog: Positional[Annotated[str, arg(metavar="SHEEPDOG")]],
+    onnx: bool = False,
+    out: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE")] = None,
+    preset: Preset = "paper",
+    arena: Annotated[float | None, arg(metavar="METRES")] = None,
+) -> int:
+    """Write a sheepdog as one file that flies without skydog.
+
+    An ONNX file holds the gate, both skills and the dog's limits: positions in metres go in, and
+    a velocity in m/s comes out, for one dog and any number of sheep. The world is inside, so
+    that another arena is another file. See docs/export.md.
+
+    Example: skydog export h-ddpg-4x4 --onnx -o dog.onnx --arena 6
+
+    Args:
+        sheepdog: Its file, run folder or name, such as h-ddpg-4x4.
+        onnx: As ONNX, the only format so far.
+        out: The file; the sheepdog's name and .onnx if not given.
+        preset: The world that it is to fly in; see skydog presets.
+        arena: Side of the arena in metres; the one that it learnt in if not given.
+    """
+    if not onnx:
+        raise Refusal("export needs a format; add --onnx")
+    from skydog.shepherds import exporting, store
+    from skydog.world import params
+
+    dog, card = store.read(sheepdog)
+    world = params.preset(preset, float(dog.arena) if arena is None else arena)
+    out = out or Path(f"{store.find(Path(sheepdog)).stem}.onnx")
+    exporting.export(out, dog, world, card)
     print(out)
     return 0
 

@@ -33,7 +33,10 @@ class Layers(eqx.Module):
 
 
 class Actor(eqx.Module):
-    """The policy τ: what to do. Actions in [-1, 1], squashed by tanh (paper, Section 4.1.3)."""
+    """The policy τ: what to do. Actions in [-1, 1], squashed by tanh.
+
+    Paper, "Deep neural network structure".
+    """
 
     layers: Layers
     stretches: ClassVar[bool] = True  # its actions have any length, so that 1/ξ can scale them

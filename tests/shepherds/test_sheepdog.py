@@ -1,9 +1,13 @@
+import math
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from skydog.networks import Actor
+from skydog.shepherds import store
 from skydog.shepherds.sheepdog import OBSERVES, Sheepdog, observe
 from skydog.world import herding, mission
 from skydog.world.params import preset
@@ -90,3 +94,14 @@ def test_several_dogs_are_each_commanded_by_what_they_see_themselves():
     for dog in range(3):
         np.testing.assert_allclose(commands[dog], TAUGHT_IN_FOUR.drive(seen[dog]), atol=1e-6)
     assert len(np.unique(np.asarray(commands).round(4), axis=0)) == 3
+
+
+@pytest.mark.parametrize("name", ["h-ddpg-4x4", "dhrl-4x4"])
+@pytest.mark.parametrize("blind", ["sheep", "dogs"])
+@pytest.mark.parametrize("lost", [math.nan, math.inf])
+def test_a_dog_that_cannot_see_hovers(name, blind, lost):
+    state = mission.reset(preset("paper"), jax.random.key(0))
+    state = eqx.tree_at(
+        lambda state: getattr(state, blind), state, replace_fn=lambda at: at.at[0, 1].set(lost)
+    )
+    assert not np.asarray(store.load(name)(preset("paper"), state)).any()

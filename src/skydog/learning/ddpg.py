@@ -19,21 +19,21 @@ class Config:
     """The numbers of Algorithm 1."""
 
     actor: tuple[int, ...] = (32, 64)
-    """Nodes in the actor's hidden layers (paper, Section 4.1.3)."""
+    """Nodes in the actor's hidden layers (paper, "Deep neural network structure")."""
     critic: tuple[int, ...] = (64, 64)
     """Nodes in the critic's, which sees state and action side by side. The paper says only that
     it is "more complex" than the actor's; a first layer of twice the nodes for half again as
     many inputs is the least that is, and costs a tenth of the training speed."""
     actor_rate: float = 2.5e-4
-    """Learning rate of the actor (paper, Section 4.1.3)."""
+    """Learning rate of the actor (paper, "Deep neural network structure")."""
     critic_rate: float = 1e-3
-    """Learning rate of the critic (paper, Section 4.1.3)."""
+    """Learning rate of the critic (paper, "Deep neural network structure")."""
     discount: float = 0.99
-    """γ (paper, Section 4.1.3)."""
+    """γ (paper, "Deep neural network structure")."""
     batch: int = 32
-    """Transitions in a mini-batch (paper, Section 4.1.3)."""
+    """Transitions in a mini-batch (paper, "Deep neural network structure")."""
     memory: int = 100_000
-    """Transitions that the replay memory holds (paper, Section 4.1.3)."""
+    """Transitions that the replay memory holds (paper, "Deep neural network structure")."""
     follow: float = 0.001
     """λ: how far the target networks follow in a step (Lillicrap et al. 2015); not in the paper."""
     theta: float = 0.15

@@ -22,11 +22,11 @@ class Config:
     rate: float = 1e-3
     """Learning rate; the paper's for its critic."""
     discount: float = 0.99
-    """γ (paper, Section 4.1.3)."""
+    """γ (paper, "Deep neural network structure")."""
     batch: int = 32
-    """Transitions in a mini-batch (paper, Section 4.1.3)."""
+    """Transitions in a mini-batch (paper, "Deep neural network structure")."""
     memory: int = 100_000
-    """Transitions that the replay memory holds (paper, Section 4.1.3)."""
+    """Transitions that the replay memory holds (paper, "Deep neural network structure")."""
     follow: float = 0.001
     """λ: how far the target network follows in a step, as H-DDPG's do."""
     explores: int = 20_000

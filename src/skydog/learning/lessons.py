@@ -1,4 +1,7 @@
-"""The two lessons, collect and drive: start, observe, reward, end (paper, Section 3.2)."""
+"""The two lessons, collect and drive: start, observe, reward, end.
+
+Paper, "A Hierarchical Framework of DDPGs".
+"""
 
 import math
 from typing import ClassVar

@@ -15,5 +15,5 @@ def towards(old: Tree, new: Tree, share: float | Float[Array, ""]) -> Tree:
 
 
 def adam(rate: float) -> Any:  # optax's own types know nothing of modules
-    """The optimiser Adam (paper, Section 4.1.3) of a learning rate."""
+    """The optimiser Adam (paper, "Deep neural network structure") of a learning rate."""
     return optax.adam(rate)

@@ -29,7 +29,7 @@ def observe(
 
 
 def stretched(action: Float[Array, "*batch 2"], xi: Scalar) -> Float[Array, "*batch 2"]:
-    """An action through ξ: multiplied by 1/ξ and squashed by tanh (paper, Eq. "scale").
+    """An action through ξ: multiplied by 1/ξ and squashed by tanh (paper, Eq. 22).
 
     At home, where ξ is 1, it is left as it is.
     """
@@ -56,4 +56,7 @@ class Sheepdog(eqx.Module):
         action = jnp.where(drives[:, None], self.drive(seen), self.collect(seen))
         if self.drive.stretches:
             action = stretched(action, xi)
+        # A dog whose eyes fail hovers. An `Actor` carries what is no number through to its limits;
+        # of such values a `Chooser` would pick the first.
+        action = jnp.where(jnp.all(jnp.isfinite(seen), axis=-1, keepdims=True), action, jnp.nan)
         return limited(world.dog, world.dog.speed * action)

@@ -1,12 +1,17 @@
-"""A mission as an animated GIF, for a README or a slide."""
+"""Missions as moving pictures, GIF or MP4, and what draws any instant of one. Needs no window."""
 
 import io
 import math
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import matplotlib
 import numpy as np
+from jaxtyping import Bool, Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -14,81 +19,193 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from PIL import Image
 
+from skydog.errors import Refusal
 from skydog.study import metrics
 from skydog.view.colours import ROLES, behaviour
 from skydog.view.figures import STYLE, extent, ground
 from skydog.world import herding
 from skydog.world.mission import Trace
+from skydog.world.params import World
 
-FRAME, END = 80, 1500  # milliseconds that a frame and the last one stand
-FRAMES = 150  # at most: a longer mission shows fewer of its steps
+PIXELS = 480  # the side of a mission's picture
+INCHES = 4.8  # that side as matplotlib has it: text and lines grow with the picture
+FRAME, END = 80, 1500  # milliseconds that a frame of a GIF and the last of any film stand
+FRAMES = 150  # of a GIF, at most: a longer mission shows fewer of its steps
+RATE = 25  # frames a second of an MP4
+LONGEST = 60 * RATE  # frames of an MP4, at most
+
+Picture = UInt8[np.ndarray, "height width 3"]
+"""Red, green and blue of every pixel, from the top left."""
+
+Draw = Callable[
+    [
+        Float[np.ndarray, "instants sheep 2"],
+        Float[np.ndarray, "instants dogs 2"],
+        Float[np.ndarray, "dogs 2"],
+        Bool[np.ndarray, " dogs"],
+        str,
+    ],
+    Picture,
+]
+"""Draws an instant: (sheep, dogs, subgoal, drives, title) -> picture.
+
+`sheep` and `dogs` are all positions up to now in metres, the latest last, `subgoal` and `drives`
+what `herding.gate` gives now, and `title` stands at the top left.
+"""
 
 
 def gif(traces: dict[str, Trace]) -> bytes:
     """The missions side by side, 480 pixels each, every second step (or fewer) of them."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(4.8 * len(traces), 4.8), dpi=100)
-        canvas = FigureCanvasAgg(figure)
-        figure.subplots_adjust(left=0.11 / len(traces), right=0.98, bottom=0.1, top=0.92)
-        panels = figure.subplots(1, len(traces), squeeze=False)[0]
-        moves = [_scene(axes, *item) for axes, item in zip(panels, traces.items(), strict=True)]
-        last = max(int(metrics.steps(trace)) for trace in traces.values())
-        frames = []
-        for instant in [*range(0, last, max(2, math.ceil(last / FRAMES))), last]:
-            for move in moves:
-                move(instant)
-            canvas.draw()
-            frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+    last = _longest(traces)
+    instants = [*range(0, last, max(2, math.ceil(last / FRAMES))), last]
+    frames = [Image.fromarray(picture) for picture in _pictures(traces, instants)]
     film = io.BytesIO()
     durations = [FRAME] * (len(frames) - 1) + [END]
     frames[0].save(film, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
     return film.getvalue()
 
 
-def _scene(axes: Axes, name: str, trace: Trace) -> Callable[[int], None]:
-    """Draw a mission; return what moves the drawing to an instant of it."""
-    sheep, dogs, subgoal = map(np.asarray, (trace.sheep, trace.dogs, trace.subgoal))
-    drives = np.asarray(trace.drives)
-    end = int(metrics.steps(trace))
-    flock = trace.world.flock
-    limits = extent(trace, trace.dogs, trace.subgoal)
-    ground(axes, trace)
-    axes.set(xlim=limits, ylim=limits)
-    axes.set_title(name, loc="left", parse_math=False)
-    clock = axes.set_title("", loc="right", bbox={"edgecolor": "none", "pad": 2})
+def mp4(traces: dict[str, Trace]) -> bytes:
+    """The missions side by side, 480 pixels each, as H.264 that any browser plays.
 
-    spread = float(herding.gathered_radius(flock, sheep.shape[1]))
+    A frame a step, 25 a second: 2.5 times as fast as it was, where a step is 0.1 s. Missions of
+    more than 1500 steps show fewer of them, so that none lasts longer than a minute and the time
+    that the last picture stands. Raises `Refusal` if PyAV is missing.
+    """
+    try:
+        import av
+    except ImportError:
+        raise Refusal("an MP4 needs PyAV; run: pip install 'skydog[video]'") from None
+    last = _longest(traces)
+    instants = [*range(0, last, max(1, math.ceil(last / LONGEST))), last]
+    instants += [last] * round(END / 1000 * RATE)
+    # A file, since its index can only be put in front (faststart) once all of it is written.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "film.mp4")
+        with av.open(path, "w", options={"movflags": "faststart"}) as film:
+            stream = film.add_stream("libx264", RATE, options={"crf": "20", "preset": "fast"})
+            stream.width, stream.height = PIXELS * len(traces), PIXELS
+            stream.pix_fmt = "yuv420p"  # all that browsers decode
+            stream.time_base = Fraction(1, RATE)
+            for picture in _pictures(traces, instants):
+                film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
+            film.mux(stream.encode())
+        return path.read_bytes()
+
+
+def stage(
+    world: World,
+    sheep: int,
+    dogs: int,
+    pixels: int = PIXELS,
+    limits: tuple[float, float] | None = None,
+) -> Draw:
+    """What draws a world of so many sheep and dogs, any instant of it, `pixels` high and wide.
+
+    `limits` are the least and the greatest coordinate to show, in metres; without any, the arena
+    and as much of the airspace as half its side. What stands still is drawn once.
+    """
+    with matplotlib.rc_context(STYLE):
+        # Slightly more, since what is not whole is cut off.
+        figure = Figure(figsize=(INCHES, INCHES), dpi=(pixels + 0.001) / INCHES)
+        canvas = FigureCanvasAgg(figure)
+        figure.subplots_adjust(left=0.11, right=0.98, bottom=0.1, top=0.92)
+        axes = figure.subplots()
+        still = _unflown(world, sheep, dogs)
+        ground(axes, still)
+        beyond = min(float(world.dog.airspace), float(world.arena.size) / 2)
+        limits = limits or extent(still, jnp.array([-beyond, float(world.arena.size) + beyond]))
+        axes.set(xlim=limits, ylim=limits)
+        moving, move = _scene(axes, world, sheep, dogs)
+        for artist in moving:
+            artist.set_animated(True)
+        canvas.draw()
+    empty = canvas.copy_from_bbox(figure.bbox)
+
+    def draw(sheep, dogs, subgoal, drives, title):
+        canvas.restore_region(empty)
+        move(sheep, dogs, subgoal, drives, title)
+        for artist in moving:
+            artist.draw(canvas.get_renderer())
+        return np.array(canvas.buffer_rgba())[..., :3].copy()
+
+    return draw
+
+
+def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture]:
+    """The missions side by side, at each of the instants; one that ended stands."""
+    missions = []
+    for name, trace in traces.items():
+        seen = [np.asarray(part) for part in (trace.sheep, trace.dogs, trace.subgoal, trace.drives)]
+        limits = extent(trace, trace.dogs, trace.subgoal)
+        draw = stage(trace.world, seen[0].shape[1], seen[1].shape[1], limits=limits)
+        missions.append((draw, int(metrics.steps(trace)), seen, name))
+    for instant in instants:
+        panels = []
+        for draw, end, (sheep, dogs, subgoal, drives), name in missions:
+            now = min(instant, end)
+            panels.append(draw(sheep[: now + 1], dogs[: now + 1], subgoal[now], drives[now], name))
+        yield np.concatenate(panels, axis=1)
+
+
+def _longest(traces: dict[str, Trace]) -> int:
+    return max(int(metrics.steps(trace)) for trace in traces.values())
+
+
+def _unflown(world: World, sheep: int, dogs: int) -> Trace:
+    """A mission of no instant: what the ground is drawn from."""
+    flock, team, none = jnp.zeros((0, sheep, 2)), jnp.zeros((0, dogs, 2)), jnp.zeros(0)
+    return Trace(
+        world=world,
+        time=none,
+        sheep=flock,
+        dogs=team,
+        subgoal=team,
+        drives=jnp.zeros((0, dogs), bool),
+        command=team,
+        accomplished=none.astype(bool),
+    )
+
+
+def _scene(
+    axes: Axes, world: World, sheep: int, dogs: int
+) -> tuple[list[Any], Callable[..., None]]:
+    """What moves on a ground, from the back to the front, and what moves it to an instant."""
+    name = axes.set_title("", loc="left", parse_math=False)
+    clock = axes.set_title("", loc="right", bbox={"edgecolor": "none", "pad": 2})
+    spread = float(herding.gathered_radius(world.flock, sheep))
     gathered = Circle((0, 0), spread, fill=False, edgecolor="#444444", linestyle="--")
-    axes.add_patch(gathered)
-    sights = [Circle((0, 0), float(flock.sensing), alpha=0.08, color=ROLES["dog"]) for _ in dogs[0]]
-    for sight in sights:
-        axes.add_patch(sight)
-    trails = [_line(axes, color=ROLES["sheep"], linewidth=0.8, alpha=0.5) for _ in sheep[0]]
-    flights = [_line(axes, color=ROLES["dog"], linewidth=1.2) for _ in dogs[0]]
-    ways = [_line(axes, linewidth=2) for _ in dogs[0]]
-    dots = {"markersize": 6, "linestyle": "", "zorder": 3}
+    seen = float(world.flock.sensing)
+    sights = [Circle((0, 0), seen, alpha=0.08, color=ROLES["dog"]) for _ in range(dogs)]
+    for circle in (gathered, *sights):
+        axes.add_patch(circle)
+    trails = [_line(axes, color=ROLES["sheep"], linewidth=0.8, alpha=0.5) for _ in range(sheep)]
+    flights = [_line(axes, color=ROLES["dog"], linewidth=1.2) for _ in range(dogs)]
+    ways = [_line(axes, linewidth=2) for _ in range(dogs)]
+    dots = {"markersize": 6, "linestyle": ""}
     crosses = _line(axes, marker="x", color=ROLES["subgoal"], markeredgewidth=2, **dots)
     flock_now = _line(axes, marker="o", color=ROLES["sheep"], **dots)
     dogs_now = _line(axes, marker="D", color=ROLES["dog"], **dots)
 
-    def move(instant: int) -> None:
-        now = min(instant, end)
-        flock_now.set_data(*sheep[now].T)
-        dogs_now.set_data(*dogs[now].T)
-        crosses.set_data(*subgoal[now].T)
-        gathered.center = tuple(sheep[now].mean(axis=0))
+    def move(sheep, dogs, subgoal, drives, title: str) -> None:
+        name.set_text(title)
+        flock_now.set_data(*sheep[-1].T)
+        dogs_now.set_data(*dogs[-1].T)
+        crosses.set_data(*subgoal.T)
+        gathered.center = tuple(sheep[-1].mean(axis=0))
         for which, trail in enumerate(trails):
-            trail.set_data(*sheep[: now + 1, which].T)
+            trail.set_data(*sheep[:, which].T)
         for which, (flight, way, sight) in enumerate(zip(flights, ways, sights, strict=True)):
-            flight.set_data(*dogs[: now + 1, which].T)
-            way.set_data(*np.stack([dogs[now, which], subgoal[now, which]]).T)
-            way.set_color(behaviour(bool(drives[now, which])))
-            sight.center = tuple(dogs[now, which])
-        together = bool(drives[now].all())
-        clock.set_text(f"{'driving' if together else 'collecting'}, step {now}")
+            flight.set_data(*dogs[:, which].T)
+            way.set_data(*np.stack([dogs[-1, which], subgoal[which]]).T)
+            way.set_color(behaviour(bool(drives[which])))
+            sight.center = tuple(dogs[-1, which])
+        together = bool(drives.all())
+        clock.set_text(f"{'driving' if together else 'collecting'}, step {len(sheep) - 1}")
         clock.set_backgroundcolor(behaviour(together))
 
-    return move
+    order = [gathered, *sights, *trails, *flights, *ways, crosses, flock_now, dogs_now, name, clock]
+    return order, move
 
 
 def _line(axes: Axes, **style: Any) -> Line2D:

@@ -11,7 +11,7 @@ from skydog import files
 from skydog.errors import Refusal
 from skydog.study import metrics
 from skydog.study.report import document, fill
-from skydog.view.animation import gif
+from skydog.view.animation import gif, mp4
 from skydog.view.colours import ROLES
 from skydog.view.figures import extent
 from skydog.world import herding
@@ -19,17 +19,20 @@ from skydog.world.mission import Trace
 
 
 def save(path: Path, traces: dict[str, Trace]) -> None:
-    """Write the missions, by name, as a page (`.html`) or an animation (`.gif`).
+    """Write the missions, by name, as a page (`.html`) or a film (`.gif`, `.mp4`).
 
-    Raises `Refusal` for another suffix.
+    Raises `Refusal` for another suffix, and for an MP4 if PyAV is missing.
     """
     if path.suffix == ".html":
         files.write_text(path, page(traces))
     elif path.suffix == ".gif":
         files.write_bytes(path, gif(traces))
+    elif path.suffix == ".mp4":
+        files.write_bytes(path, mp4(traces))
     else:
         raise Refusal(
-            f"no replay is written as {path.suffix!r}; name {path.stem}.html or {path.stem}.gif"
+            f"no replay is written as {path.suffix!r}; "
+            f"name {path.stem}.html, {path.stem}.gif or {path.stem}.mp4"
         )
 
 
@@ -41,11 +44,12 @@ def page(traces: dict[str, Trace]) -> str:
 
 def player(traces: dict[str, Trace]) -> str:
     """The replay as a fragment to put inside any page; takes its ink from the page's text."""
-    template = resources.files("skydog.view").joinpath("replay.html").read_text("utf-8")
+    view = resources.files("skydog.view")
     missions = [_mission(name, trace) for name, trace in traces.items()]
     data = json.dumps(missions, allow_nan=False, separators=(",", ":"))
     return fill(
-        template,
+        view.joinpath("replay.html").read_text("utf-8"),
+        arena=view.joinpath("arena.js").read_text("utf-8"),
         colours=" ".join(f"--{role}: {colour};" for role, colour in ROLES.items()),
         # A name may hold `</script>`: JSON can spell it without a `<`.
         missions=data.replace("<", "\\u003c"),

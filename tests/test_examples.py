@@ -1,0 +1,49 @@
+"""Each example runs, is short, and shows what it says."""
+
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def example(name):
+    spec = spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("own_*.py")), ids=lambda path: path.stem)
+def test_an_example_is_shorter_than_60_lines(path):
+    assert len(path.read_text().splitlines()) < 60
+
+
+def test_a_flock_that_does_not_group_is_hard_for_every_shepherd(capsys):
+    rows = example("own_sheep").main(count=60)
+    cohesive, loose = rows.values()
+    for shepherd in ("strombom", "h-ddpg-4x4"):
+        assert cohesive[shepherd]["success_ci95"][0] > 0.9
+        assert loose[shepherd]["success_ci95"][1] < cohesive[shepherd]["success_ci95"][0]
+    # The sheepdog learnt from flocks that group, and leans on it more than the rule does.
+    assert loose["h-ddpg-4x4"]["success_ci95"][1] < loose["strombom"]["success_ci95"][0]
+    assert capsys.readouterr().out.count("h-ddpg-4x4") == 2
+
+
+def test_a_dog_that_goes_round_the_flock_needs_fewer_steps_than_one_that_cuts_through(capsys):
+    rows = example("own_dog").main(count=200)
+    assert rows["circler"]["success_ci95"][0] > 0.95
+    assert rows["circler"]["steps less strombom's"]["ci95"][1] < 0.0
+    assert "circler less strombom" in capsys.readouterr().out
+
+
+def test_a_third_lesson_is_learnt_in_seconds(capsys):
+    untaught, taught = example("own_lesson").main(steps=10_000)
+    assert abs(untaught) < 0.5
+    assert taught > 3.0
+    assert "taught 10000 steps" in capsys.readouterr().out
