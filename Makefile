@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test lint format bench reproduce zoo lock clean
+.PHONY: help herd test lint format docs peers wheel bench reproduce zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -12,7 +12,7 @@ herd: $(VENV)/run.stamp  ## Teach a sheepdog from nothing, fly it, and write run
 	$(BIN)/skydog herd $(ARGS)
 
 test: $(VENV)/dev.stamp  ## Run the tests
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist loadfile $(ARGS)
 
 lint: $(VENV)/dev.stamp  ## Check style and types
 	$(BIN)/ruff check .
@@ -22,6 +22,15 @@ lint: $(VENV)/dev.stamp  ## Check style and types
 format: $(VENV)/dev.stamp  ## Put the code into its format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs: $(VENV)/dev.stamp  ## Build the site: build/site/index.html
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs build/site
+
+peers: $(VENV)-peers/stamp  ## Try the environments with Stable-Baselines3
+	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_sb3.py
+
+wheel: $(VENV)/dev.stamp  ## Install the wheel into an empty environment, and use it there
+	.ci/wheel
 
 bench: $(VENV)/dev.stamp $(VENV)-peers/stamp  ## Compare with SB3, SBX and VMAS: docs/benchmarks.md
 	$(BIN)/python benchmarks/bench.py --out docs/benchmarks.md
@@ -61,7 +70,7 @@ $(VENV)/dev.stamp: locks/dev.txt pyproject.toml
 	$(call install,locks/dev.txt)
 	@touch $(VENV)/run.stamp
 
-$(VENV)-peers/stamp: benchmarks/peers.txt
+$(VENV)-peers/stamp: benchmarks/peers.txt pyproject.toml
 	$(PYTHON) -m venv $(VENV)-peers
-	$(VENV)-peers/bin/pip install -r benchmarks/peers.txt
+	$(VENV)-peers/bin/pip --disable-pip-version-check install -q -r benchmarks/peers.txt -e .
 	@touch $@
