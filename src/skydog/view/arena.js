@@ -81,9 +81,10 @@ function arena(canvas, root) {
     pen.beginPath(); pen.rect(...corner, wide, wide); stroke("arena", 1.5);
   }
 
-  /** Where sheep see a dog: R_πβ about each. */
+  /** Where sheep see a dog: R_πβ about each, fainter the more there are. */
   function sensing(dogs) {
-    dogs.forEach((p) => { disc(p, world.sensing * zoom); fill("dog", 0.08); });
+    const alpha = 0.08 / Math.sqrt(dogs.length);
+    dogs.forEach((p) => { disc(p, world.sensing * zoom); fill("dog", alpha); });
   }
 
   /** Paths in one stroke, so that where they cross is no darker; null in a path is a gap. */
