@@ -16,7 +16,7 @@ from skydog.study import evaluate, traces
 from skydog.study.cases import cases
 from skydog.world.params import preset
 
-COMMANDS = ("herd", "train", "test", "reproduce", "replay", "presets")
+COMMANDS = ("herd", "train", "test", "reproduce", "replay", "watch", "export", "presets")
 
 
 @pytest.fixture
@@ -154,9 +154,36 @@ def test_a_replay_of_nothing_is_refused(refused):
     assert "needs a trace" in refused("replay")
 
 
-@pytest.mark.parametrize("name", ["x.xyz", "x", "x.mp4"])
+@pytest.mark.parametrize("name", ["x.xyz", "x"])
 def test_a_replay_of_an_unknown_kind_is_refused(refused, a_trace, name):
-    assert "x.html or x.gif" in refused("replay", str(a_trace), "-o", name)
+    assert "x.html, x.gif or x.mp4" in refused("replay", str(a_trace), "-o", name)
+
+
+def test_an_export_writes_a_file_that_another_runtime_flies(skydog, tmp_path, monkeypatch):
+    onnxruntime = pytest.importorskip("onnxruntime")
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = skydog("export", "h-ddpg-4x4", "--onnx")
+    assert (code, out) == (0, "h-ddpg-4x4.onnx\n")
+    dog = onnxruntime.InferenceSession(tmp_path / "h-ddpg-4x4.onnx")
+    assert [told.name for told in dog.get_inputs()] == ["sheep", "dog"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "remedy"),
+    [
+        (["export", "h-ddpg-4x4"], "--onnx"),
+        (["export", "nobody", "--onnx"], "h-ddpg-4x4"),
+        (["export", "h-ddpg-4x4", "--onnx", "--arena", "1"], "longer than 2 m"),
+        (["watch", "nobody"], "h-ddpg-4x4"),
+        (["watch", "--sheep", "0"], "1 to 200"),
+        (["watch", "--dogs", "99"], "1 to 8"),
+        (["watch", "--port", "99999"], "port"),
+        (["watch", "--host", "no.such.host.invalid"], "127.0.0.1"),
+        (["watch", "--preset", "nowhere"], "paper"),
+    ],
+)
+def test_what_cannot_be_exported_or_watched_is_refused_with_the_remedy(refused, arguments, remedy):
+    assert remedy in refused(*arguments)
 
 
 @pytest.mark.parametrize("skill", ["collect", "drive"])
