@@ -110,7 +110,8 @@ def find(path: Path) -> Path:
 def readable(card: dict[str, Any]) -> str:
     """A card as Markdown: the plain facts first, then a section for each list and group."""
     facts = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
-    lines = ["# A sheepdog", "", "Fly it: `skydog test` and the path of this folder.", ""]
+    fly = "Fly it: `skydog test` and its name, if it ships, else the path of its folder."
+    lines = ["# A sheepdog", "", fly, ""]
     lines += [f"- {name}: {_short(value)}" for name, value in facts.items()]
     for name, value in card.items():
         if isinstance(value, list):

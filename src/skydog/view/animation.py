@@ -111,10 +111,9 @@ def stage(
         canvas = FigureCanvasAgg(figure)
         figure.subplots_adjust(left=0.11, right=0.98, bottom=0.1, top=0.92)
         axes = figure.subplots()
-        still = _unflown(world, sheep, dogs)
-        ground(axes, still)
+        ground(axes, world)
         beyond = min(float(world.dog.airspace), float(world.arena.size) / 2)
-        limits = limits or extent(still, jnp.array([-beyond, float(world.arena.size) + beyond]))
+        limits = limits or extent(world, jnp.array([-beyond, float(world.arena.size) + beyond]))
         axes.set(xlim=limits, ylim=limits)
         moving, move = _scene(axes, world, sheep, dogs)
         for artist in moving:
@@ -137,7 +136,7 @@ def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture
     missions = []
     for name, trace in traces.items():
         seen = [np.asarray(part) for part in (trace.sheep, trace.dogs, trace.subgoal, trace.drives)]
-        limits = extent(trace, trace.dogs, trace.subgoal)
+        limits = extent(trace.world, trace.dogs, trace.subgoal)
         draw = stage(trace.world, seen[0].shape[1], seen[1].shape[1], limits=limits)
         missions.append((draw, int(metrics.steps(trace)), seen, name))
     for instant in instants:
@@ -150,21 +149,6 @@ def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture
 
 def _longest(traces: dict[str, Trace]) -> int:
     return max(int(metrics.steps(trace)) for trace in traces.values())
-
-
-def _unflown(world: World, sheep: int, dogs: int) -> Trace:
-    """A mission of no instant: what the ground is drawn from."""
-    flock, team, none = jnp.zeros((0, sheep, 2)), jnp.zeros((0, dogs, 2)), jnp.zeros(0)
-    return Trace(
-        world=world,
-        time=none,
-        sheep=flock,
-        dogs=team,
-        subgoal=team,
-        drives=jnp.zeros((0, dogs), bool),
-        command=team,
-        accomplished=none.astype(bool),
-    )
 
 
 def _scene(

@@ -20,6 +20,7 @@ from skydog.study import metrics
 from skydog.view.colours import ROLES
 from skydog.world import herding
 from skydog.world.mission import Trace
+from skydog.world.params import World
 
 Curve = tuple[np.ndarray, np.ndarray]
 """What one seed learnt: episodes, and the reward per action in the ten up to each of them."""
@@ -114,11 +115,11 @@ def trajectories(traces: dict[str, Trace]) -> Figure:
         figure = Figure(figsize=(0.3 + 2.9 * len(traces), 4.5), layout="compressed")
         panels = figure.subplots(1, len(traces), squeeze=False, sharex=True, sharey=True)[0]
         for axes, (name, trace) in zip(panels, traces.items(), strict=True):
-            ground(axes, trace)
+            ground(axes, trace.world)
             _paths(axes, trace)
             turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
             axes.set_title(f"{name}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
-        ends = [extent(trace, trace.dogs) for trace in traces.values()]
+        ends = [extent(trace.world, trace.dogs) for trace in traces.values()]
         limits = min(low for low, _ in ends), max(high for _, high in ends)
         panels[0].set(xlim=limits, ylim=limits)
         figure.legend(handles=_key(), loc="outside lower center", ncols=min(6, 3 * len(traces)))
@@ -139,9 +140,9 @@ def svg(figure: Figure) -> str:
     return re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{mark}-", markup)
 
 
-def ground(axes: Axes, trace: Trace) -> None:
+def ground(axes: Axes, world: World) -> None:
     """Draw what stands still: the arena's walls and the part of the goal disc within them."""
-    arena = trace.world.arena
+    arena = world.arena
     size, radius = float(arena.size), float(arena.goal_radius)
     goal = tuple(herding.goal(arena).tolist())
     walls = Rectangle((0, 0), size, size, fill=False, edgecolor=ROLES["arena"])
@@ -157,11 +158,11 @@ def ground(axes: Axes, trace: Trace) -> None:
     axes.label_outer()
 
 
-def extent(trace: Trace, *paths: Float[Array, "*instants 2"]) -> tuple[float, float]:
+def extent(world: World, *paths: Float[Array, "*instants 2"]) -> tuple[float, float]:
     """The least and the greatest coordinate to show, in metres: the arena and the paths."""
     flown = np.concatenate([np.ravel(path) for path in paths])
     lowest = min(0.0, float(flown.min()))
-    highest = max(float(trace.world.arena.size), float(flown.max()))
+    highest = max(float(world.arena.size), float(flown.max()))
     margin = 0.04 * (highest - lowest)
     return lowest - margin, highest + margin
 

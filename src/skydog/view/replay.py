@@ -68,7 +68,7 @@ def _mission(name: str, trace: Trace) -> dict[str, Any]:
         "radius": _rounded(trace.world.arena.goal_radius),
         "sensing": _rounded(trace.world.flock.sensing),
         "gathered": _rounded(herding.gathered_radius(trace.world.flock, sheep.shape[1])),
-        "extent": _rounded(extent(trace, trace.dogs, trace.subgoal)),
+        "extent": _rounded(extent(trace.world, trace.dogs, trace.subgoal)),
         "accomplished": bool(metrics.success(trace)),
         "time": _rounded(trace.time[:until]),
         "flown": _rounded(np.cumsum(flights)),
