@@ -26,8 +26,8 @@ format: $(VENV)/dev.stamp  ## Put the code into its format
 docs: $(VENV)/dev.stamp  ## Build the site: build/site/index.html
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs build/site
 
-peers: $(VENV)-peers/stamp  ## Try the environments with Stable-Baselines3
-	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_sb3.py
+peers: $(VENV)-peers/stamp  ## Show what other libraries say of our environments, and learn in them
+	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_checkers.py tests/envs/test_sb3.py
 
 wheel: $(VENV)/dev.stamp  ## Install the wheel into an empty environment, and use it there
 	.ci/wheel

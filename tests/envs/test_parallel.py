@@ -1,5 +1,4 @@
 import sys
-import warnings
 from typing import Any
 
 import numpy as np
@@ -10,17 +9,6 @@ import skydog
 from skydog import envs
 from skydog.errors import Refusal
 from skydog.world import mission
-
-with warnings.catch_warnings():  # of PettingZoo, about its own games
-    warnings.simplefilter("ignore", DeprecationWarning)
-    from pettingzoo.test import parallel_api_test
-
-
-@pytest.mark.parametrize("dogs", [1, 3])
-@pytest.mark.parametrize("observation", ["compact", "full"])
-def test_pettingzoos_test_passes(dogs, observation):
-    env = envs.herd_parallel_v0(dogs=dogs, sheep=5, observation=observation, max_steps=60)
-    parallel_api_test(env, num_cycles=150)
 
 
 def played(env, seed, steps=120):

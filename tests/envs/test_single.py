@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.error import InvalidAction, ResetNeeded, UnsupportedMode
-from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordEpisodeStatistics
 
 import skydog
@@ -23,12 +22,6 @@ STILL = np.zeros(2, np.float32)
 
 def make(name, **options) -> Any:
     return gymnasium.make(name, **options)
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("observation", ["compact", "full"])
-def test_gymnasiums_checker_has_nothing_to_say(name, observation):
-    check_env(make(name, observation=observation, render_mode="rgb_array").unwrapped)
 
 
 def test_a_module_and_a_name_are_enough_for_gymnasium():
