@@ -3,7 +3,7 @@
 import io
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -30,7 +30,9 @@ def chromium() -> Iterator[Any]:
         pytest.skip("chromium is not on the PATH, so no page is opened in a browser")
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=program, args=list(QUIET))
+        browser = driver.chromium.launch(
+            executable_path=program, args=list(QUIET), timeout=PATIENCE * 1000
+        )
         yield browser
         browser.close()
 
@@ -40,14 +42,24 @@ def opened(browser: Any, url: str, **options: Any) -> Iterator[Any]:
     """A page of its own, which afterwards must have had no errors on its console."""
     context = browser.new_context(viewport={"width": 1280, "height": 800}, **options)
     page, errors = context.new_page(), []
+    context.set_default_timeout(PATIENCE * 1000)
     page.on("console", lambda told: errors.append(told.text) if told.type == "error" else None)
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.goto(url)
     try:
+        page.goto(url)
         yield page
     finally:
         context.close()
     assert errors == []
+
+
+def waited(state: Callable[[], Any]) -> Any:
+    """Wait until a state is there, and return what it is: no matter how long on a busy machine."""
+    for _ in range(PATIENCE * 20):
+        if value := state():
+            return value
+        time.sleep(0.05)
+    raise AssertionError("never so")
 
 
 def until(page: Any, expression: str) -> Any:
@@ -55,12 +67,7 @@ def until(page: Any, expression: str) -> Any:
 
     Asked from outside, since the page's own policy forbids it to evaluate text.
     """
-    for _ in range(PATIENCE * 20):
-        value = page.evaluate(expression)
-        if value:
-            return value
-        time.sleep(0.05)
-    raise AssertionError(f"never true: {expression}")
+    return waited(lambda: page.evaluate(expression))
 
 
 def pixels(page: Any, selector: str) -> np.ndarray:
