@@ -233,6 +233,28 @@ def test_a_bad_reset_is_refused_with_the_remedy(name, options, message):
         env.reset(options=options)
 
 
+@pytest.mark.parametrize("seed", [-1, 0.5, "7"])
+def test_a_bad_seed_or_option_changes_nothing_of_what_follows(seed):
+    env, other = make("skydog/Herd-v0").unwrapped, make("skydog/Herd-v0").unwrapped
+    env.reset(seed=3)
+    other.reset(seed=3)
+    with pytest.raises(Refusal, match="whole number from 0 on"):
+        env.reset(seed=seed)
+    with pytest.raises(Refusal, match="no option"):
+        env.reset(seed=9, options={"cat": 1})
+    assert np.array_equal(env.reset()[0], other.reset()[0])
+
+
+def test_numpys_integers_are_seeds_too():
+    env = make("skydog/Herd-v0")
+    assert np.array_equal(env.reset(seed=3)[0], env.reset(seed=np.int64(3))[0])
+
+
+def test_what_is_no_world_is_refused():
+    with pytest.raises(Refusal, match=r"skydog\.preset"):
+        make("skydog/Herd-v0", world="paper")
+
+
 def test_step_and_render_before_reset_are_refused():
     env = make("skydog/Herd-v0", render_mode="rgb_array").unwrapped
     for call in (lambda: env.step(STILL), env.render):
@@ -276,6 +298,21 @@ def test_a_window_opens_shows_and_closes(monkeypatch):
     assert env.render() is None
     env.close()
     env.close()
+    assert not pygame.display.get_init()
+
+
+def test_a_second_window_takes_the_place_of_the_first_and_outlives_it(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame = pytest.importorskip("pygame")
+    first = make("skydog/Drive-v0", render_mode="human")
+    first.reset(seed=0)
+    second = make("skydog/Drive-v0", render_mode="human")
+    second.reset(seed=1)
+    first.step(STILL)
+    first.close()
+    second.step(STILL)
+    assert len(np.unique(pygame.surfarray.array3d(pygame.display.get_surface()))) > 10
+    second.close()
     assert not pygame.display.get_init()
 
 

@@ -113,6 +113,14 @@ def test_seeds_may_be_one_for_each_world():
     assert not np.array_equal(worlds.reset()[0], named)
 
 
+def test_worlds_outside_the_first_mask_begin_each_on_its_own():
+    worlds = native("Herd-v0", AutoresetMode.DISABLED)
+    half = np.arange(COUNT) < 2
+    worlds.reset(options={"reset_mask": half})
+    seen, _ = worlds.reset(options={"reset_mask": ~half})
+    assert len(np.unique(seen, axis=0)) == COUNT
+
+
 # Bad input
 
 
@@ -159,6 +167,11 @@ def test_what_cannot_be_done_is_said():
         worlds.step(np.zeros((COUNT, 2), np.float32))
     with pytest.raises(ResetNeeded, match="reset_mask"):
         worlds.step(np.zeros((COUNT, 2), np.float32))
+    for seed in (-1, [1, 2, 3, 4, -5], [0.5] * COUNT, "7"):
+        before = worlds._seeds.copy()
+        with pytest.raises(Refusal, match="whole number from 0 on"):
+            worlds.reset(seed=seed)
+        assert np.array_equal(worlds._seeds, before)
     with pytest.raises(Refusal, match="as many seeds"):
         worlds.reset(seed=[1, 2])
     with pytest.raises(Refusal, match="reset_mask"):

@@ -347,3 +347,12 @@ def test_the_reader_is_thirty_lines_that_need_numpy_alone(reader):
     imports = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
     assert imports <= {"json", "sys", "pathlib", "numpy"}
     assert set(reader.main()) == {"collect", "drive"}
+
+
+def test_home_is_home_to_the_last_digit_of_a_float32():
+    sheepdog = store.load("h-ddpg-4x4")
+    at_home = [
+        exporting.model(sheepdog, params.preset("paper", arena), {}) for arena in (4.0, 4.00000001)
+    ]
+    operations = [[node.op_type for node in model.graph.node] for model in at_home]
+    assert operations[0] == operations[1]

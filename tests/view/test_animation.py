@@ -194,3 +194,10 @@ def test_a_name_is_drawn_as_it_is_written():
     draw = animation.stage(params.preset("paper"), 3, 1)
     plain, wicked = (draw(*instant(), title) for title in ("x", r"$\frac$ <b>"))
     assert not np.array_equal(plain, wicked)
+
+
+def test_more_missions_than_fit_an_mp4_are_refused_before_any_is_drawn(tmp_path):
+    many = {str(number): two_dogs_cut_short() for number in range(35)}
+    with pytest.raises(Refusal, match=r"at most 34 missions, got 35"):
+        replay.save(tmp_path / "wide.mp4", many)
+    assert not list(tmp_path.iterdir())

@@ -166,7 +166,7 @@ def game(
     dogs: int = 1,
     starts: str = "random",
     reward: str = "progress",
-    world: World | None = None,
+    world: Any = None,
 ) -> Game:
     """The game of a `Task`, in a preset's world or in one of your own.
 
@@ -175,9 +175,14 @@ def game(
     what: Any = one_of(task, Task, "task")
     where: Any = one_of(starts, Starts, "starts")
     pays: Any = one_of(reward, Reward, "reward")
+    sheep, dogs = index(sheep), index(dogs)
     for who, count in (("sheep", sheep), ("dogs", dogs)):
-        if not 1 <= index(count) <= MOST:
+        if not 1 <= count <= MOST:
             raise Refusal(f"{who} must be from 1 to {MOST:,}, got {count}")
+    if world is not None and not isinstance(world, World):
+        raise Refusal(
+            f"world is one that skydog.preset makes, or a change of it, got {world!r:.60}"
+        )
     chosen = params.preset(preset, arena, sheep) if world is None else world
     # As arrays they are arguments of what is compiled, which then serves every world.
     traced = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), chosen)
@@ -221,7 +226,7 @@ def observe(game: Game, played: Played, how: Observation) -> Float[Array, "dogs 
     """What each dog sees, in metres (times ξ in a lesson), within `reach`.
 
     `compact`: `skydog.shepherds.sheepdog.OBSERVES`. `full`: from the dog to each sheep, to the
-    goal, and to each other dog, x and y in turn.
+    goal, and to each other dog, from the one after it round to the one before; x and y in turn.
     """
     state, subgoal, scale = game.seen(played.episode)
     if how == "compact":
@@ -230,7 +235,8 @@ def observe(game: Game, played: Played, how: Observation) -> Float[Array, "dogs 
         count = len(state.dogs)
         goal = jnp.broadcast_to(herding.goal(game.world.arena), (count, 1, 2))
         sheep = jnp.broadcast_to(state.sheep, (count, *state.sheep.shape))
-        others = jnp.stack([jnp.roll(state.dogs, -dog, axis=0)[1:] for dog in range(count)])
+        after = jnp.arange(count)[:, None] + jnp.arange(1, count)
+        others = state.dogs[after % count]
         everybody = jnp.concatenate([sheep, goal, others], axis=1)
         seen = (everybody - state.dogs[:, None]).reshape(count, -1)
     return jnp.clip(scale * seen, -reach(game), reach(game))

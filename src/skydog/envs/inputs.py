@@ -1,5 +1,6 @@
 """What an environment is told: actions, seeds and options, checked before anything moves."""
 
+from operator import index
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ def action(told: Any, shape: tuple[int, ...]) -> np.ndarray:
         given = np.asarray(told)
         if given.dtype.kind not in "fiu":
             raise ValueError
-        numbers = given.astype(np.float32)
+        with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
+            numbers = given.astype(np.float32)
     except (TypeError, ValueError):
         raise InvalidAction(
             f"an action is numbers from -1 to 1 of shape {shape}, got {_short(told)}; "
@@ -28,6 +30,17 @@ def action(told: Any, shape: tuple[int, ...]) -> np.ndarray:
     if not np.all(np.isfinite(numbers)):
         raise InvalidAction(f"an action is finite, got {_short(told)}; has the learner diverged?")
     return numbers
+
+
+def seed(told: Any) -> int:
+    """A seed. Raises `Refusal` for what is no whole number from 0 on; it counts modulo 2³²."""
+    try:
+        number = index(told)
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise Refusal(f"a seed is a whole number from 0 on, got {_short(told)}; try seed=0")
+    return number
 
 
 def placed(game: Game, options: dict[str, Any] | None) -> dict[str, np.ndarray]:

@@ -15,7 +15,6 @@ from skydog.envs.single import rate, seen_and_done
 from skydog.envs.window import Eyes
 from skydog.errors import Refusal
 from skydog.world.mission import MAX_STEPS
-from skydog.world.params import World
 
 PLACED = ("sheep", "dogs")  # whom an option of `reset` may place
 
@@ -43,7 +42,7 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         sheep: int = 3,
         starts: str = "random",
         observation: str = "compact",
-        world: World | None = None,
+        world: Any = None,
         max_steps: int = MAX_STEPS,
         render_mode: str | None = None,
     ):
@@ -75,16 +74,17 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         return self.action_spaces[agent]
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
+        self, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         """A fresh episode. `options` may place `sheep` and `dogs`, in metres."""
         # PettingZoo's own test passes an option that nobody knows, and expects it to be ignored.
         known = {name: value for name, value in (options or {}).items() if name in PLACED}
         placed = inputs.placed(self.game, known)
-        if seed is None and self._seed is not None:
+        given = None if seed is None else inputs.seed(seed)
+        if given is None and self._seed is not None:
             self._episode += 1
         else:
-            drawn = int(np.random.default_rng().integers(2**31)) if seed is None else seed
+            drawn = int(np.random.default_rng().integers(2**31)) if given is None else given
             self._seed, self._episode = drawn, 0
         key = jax.random.key(self._seed % 2**32)
         self._played, seen, told = _begin(self.game, self._how, key, self._episode, placed)

@@ -13,7 +13,6 @@ from gymnasium.error import ResetNeeded
 from skydog.envs import games, inputs
 from skydog.envs.games import Observation
 from skydog.envs.window import Eyes
-from skydog.world.params import World
 
 
 class Herding(gymnasium.Env[np.ndarray, Any]):
@@ -40,7 +39,7 @@ class Herding(gymnasium.Env[np.ndarray, Any]):
         starts: str = "random",
         reward: str = "progress",
         observation: str = "compact",
-        world: World | None = None,
+        world: Any = None,
         render_mode: str | None = None,
     ):
         """`world` takes the place of `preset` and `arena`. Raises `Refusal` for bad values."""
@@ -55,17 +54,17 @@ class Herding(gymnasium.Env[np.ndarray, Any]):
         self._played: Any = None  # a `Played`, once it is reset
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """A fresh episode: what the dog sees, and `info`."""
-        drawn = self._played is None and seed is None
-        super().reset(seed=seed)
-        if seed is not None or drawn:
-            self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
-            self._episode = 0
-        else:
-            self._episode += 1
         placed = inputs.placed(self.game, options)
+        given = None if seed is None else inputs.seed(seed)
+        super().reset(seed=given)
+        if given is None and self._played is not None:
+            self._episode += 1
+        else:
+            self._seed = int(self.np_random.integers(2**31)) if given is None else given
+            self._episode = 0
         key = jax.random.key(self._seed % 2**32)
         self._played, row = _begin(self.game, self._how, key, self._episode, placed)
         self._eyes.begin(self._played)

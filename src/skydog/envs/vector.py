@@ -14,7 +14,6 @@ from skydog.envs import games, inputs
 from skydog.envs.games import Observation
 from skydog.envs.single import rate, seen_and_done
 from skydog.errors import Refusal
-from skydog.world.params import World
 
 MOST = 1 << 20  # worlds
 
@@ -22,7 +21,8 @@ MOST = 1 << 20  # worlds
 class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
     """`num_envs` worlds of `skydog.envs.single.Herding`, with the same options and numbers.
 
-    A world whose seed is s + i does what the single environment with that seed does. Where
+    A world whose seed is s + i does, to rounding, what the single environment with that seed does;
+    no option of `reset` places sheep or dogs. Where
     an episode ends, `autoreset_mode` says what follows, as Gymnasium defines it: the reset takes
     the next step (`AutoresetMode.NEXT_STEP`), happens in the same one, with `final_obs` and
     `final_info` in `info` (`SAME_STEP`), or is the caller's (`DISABLED`, through
@@ -44,7 +44,7 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
         starts: str = "random",
         reward: str = "progress",
         observation: str = "compact",
-        world: World | None = None,
+        world: Any = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
@@ -67,7 +67,8 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
             "render_fps": rate(self.game),
         }
         self._how = games.one_of(observation, Observation, "observation")
-        self._limit = np.int32(max_episode_steps or np.iinfo(np.int32).max)
+        never = int(np.iinfo(np.int32).max)
+        self._limit = np.int32(min(max_episode_steps or never, never))
         self.single_observation_space, self.single_action_space = seen_and_done(
             self.game, self._how
         )
@@ -81,7 +82,7 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
     def reset(
         self,
         *,
-        seed: int | list[int | None] | None = None,
+        seed: Any = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Fresh episodes, of all worlds or of those in `options["reset_mask"]`.
@@ -90,14 +91,17 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
         """
         first = self._played is None
         again = self._mask(options)
-        if isinstance(seed, int):
-            super().reset(seed=seed)
-            seeds: list[int | None] = [seed + world for world in range(self.num_envs)]
+        if seed is None or isinstance(seed, list | tuple | np.ndarray):
+            each = [None] * self.num_envs if seed is None else list(seed)
+            seeds = [None if one is None else inputs.seed(one) for one in each]
         else:
-            seeds = [None] * self.num_envs if seed is None else list(seed)
+            counted = inputs.seed(seed)
+            super().reset(seed=counted)
+            seeds = [counted + world for world in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise Refusal(f"{self.num_envs} worlds take as many seeds, got {len(seeds)}")
-        for world in np.flatnonzero(again):
+        # At first all worlds are begun, whatever the mask: those outside it are just not told of.
+        for world in np.flatnonzero(again | first):
             given = seeds[world]
             if given is None and not first:
                 self._episodes[world] += 1

@@ -1,6 +1,6 @@
 """What an environment shows: pictures as arrays, or a window."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -61,7 +61,12 @@ class Eyes:
 
 
 class _Window:
-    """A window of pygame's, which is what Gymnasium's own environments open."""
+    """A window of pygame's, which is what Gymnasium's own environments open.
+
+    pygame has one: a second environment's takes the place of the first's.
+    """
+
+    latest: ClassVar["_Window | None"] = None
 
     def __init__(self, pixels: int):
         try:
@@ -80,12 +85,13 @@ class _Window:
                 'try render_mode="rgb_array", or set SDL_VIDEODRIVER=dummy'
             ) from None
         pygame.display.set_caption("skydog")
+        _Window.latest = self
         self._clock = pygame.time.Clock()
 
     def show(self, picture: np.ndarray, rate: int) -> None:
         """Put a picture on the screen, no sooner than its time has come."""
         pygame = self._pygame
-        if not pygame.display.get_init():
+        if not self._open():
             return
         surface = pygame.surfarray.make_surface(picture.swapaxes(0, 1))
         self._screen.blit(surface, (0, 0))
@@ -94,8 +100,12 @@ class _Window:
         self._clock.tick(rate)
 
     def close(self) -> None:
-        """Close it; twice does no harm."""
-        self._pygame.display.quit()
+        """Close it; twice does no harm, nor if another window has taken its place."""
+        if self._open():
+            self._pygame.display.quit()
+
+    def _open(self) -> bool:
+        return _Window.latest is self and self._pygame.display.get_init()
 
 
 @jax.jit

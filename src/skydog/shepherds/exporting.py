@@ -117,7 +117,8 @@ def model(sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> "ModelProto
         from onnx import checker, helper, inliner, numpy_helper, parser
     except ImportError:
         raise Refusal("export to ONNX needs onnx; run: pip install 'skydog[onnx]'") from None
-    xi = float(sheepdog.arena) / float(world.arena.size)
+    # In float32, as a compiled mission has it: whether ξ is 1 decides whether actions stretch.
+    xi = float(np.float32(sheepdog.arena) / np.float32(world.arena.size))
     constants = _constants(world, xi)
     skills = [
         line

@@ -33,6 +33,7 @@ FRAME, END = 80, 1500  # milliseconds that a frame of a GIF and the last of any 
 FRAMES = 150  # of a GIF, at most: a longer mission shows fewer of its steps
 RATE = 25  # frames a second of an MP4
 LONGEST = 60 * RATE  # frames of an MP4, at most
+WIDEST = 16_384  # pixels that H.264 takes
 
 Picture = UInt8[np.ndarray, "height width 3"]
 """Red, green and blue of every pixel, from the top left."""
@@ -70,12 +71,18 @@ def mp4(traces: dict[str, Trace]) -> bytes:
 
     A frame a step, 25 a second: 2.5 times as fast as it was, where a step is 0.1 s. Missions of
     more than 1500 steps show fewer of them, so that none lasts longer than a minute and the time
-    that the last picture stands. Raises `Refusal` if PyAV is missing.
+    that the last picture stands. Raises `Refusal` if PyAV is missing, and for more missions
+    than fit side by side.
     """
     try:
         import av
     except ImportError:
         raise Refusal("an MP4 needs PyAV; run: pip install 'skydog[video]'") from None
+    if len(traces) > WIDEST // PIXELS:
+        raise Refusal(
+            f"an MP4 shows at most {WIDEST // PIXELS} missions, got {len(traces)}; "
+            "name fewer, or write a page (.html)"
+        )
     last = _longest(traces)
     instants = [*range(0, last, max(1, math.ceil(last / LONGEST))), last]
     instants += [last] * round(END / 1000 * RATE)
