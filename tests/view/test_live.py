@@ -337,7 +337,10 @@ def test_a_server_that_ends_cuts_its_connections_and_waits_for_nobody():
 
 
 def test_ctrl_c_ends_the_server_in_silence():
+    # A shell may have told those that it starts in the background to ignore Ctrl-C.
     code = (
+        "import signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from skydog.shepherds.strombom import Strombom\n"
         "from skydog.view import live\n"
         "live.serve({'strombom': Strombom()}, 'strombom', port=0,\n"
