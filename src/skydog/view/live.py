@@ -11,7 +11,6 @@ import secrets
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from importlib import resources
 from typing import Any
 from weakref import WeakSet
 
@@ -20,10 +19,9 @@ import jax
 from skydog.errors import Refusal
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
-from skydog.study.report import fill
-from skydog.view.colours import ROLES
 from skydog.view.game import HOVER, SPEEDS, Game, Settings, new, shown, told, turn, with_preset
 from skydog.view.orders import LONGEST_ARENA, MOST_DOGS, MOST_SHEEP, parsed, short
+from skydog.view.page import filled
 from skydog.world import params
 from skydog.world.mission import Shepherd
 
@@ -53,13 +51,7 @@ def roster(chosen: str) -> dict[str, Shepherd]:
 
 def page(nonce: str) -> str:
     """The page, whose scripts run under a policy that names `nonce`."""
-    view = resources.files("skydog.view")
-    return fill(
-        view.joinpath("live.html").read_text("utf-8"),
-        colours=" ".join(f"--{role}: {colour};" for role, colour in ROLES.items()),
-        arena=view.joinpath("arena.js").read_text("utf-8"),
-        nonce=nonce,
-    )
+    return filled("live.html", nonce=nonce)
 
 
 def serve(

@@ -1,7 +1,6 @@
 """A replay: missions to play, pause and scrub, in one page that needs nothing else."""
 
 import json
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,10 @@ import numpy as np
 from skydog import files
 from skydog.errors import Refusal
 from skydog.study import metrics
-from skydog.study.report import document, fill
+from skydog.study.report import document
 from skydog.view.animation import gif, mp4
-from skydog.view.colours import ROLES
 from skydog.view.figures import extent
+from skydog.view.page import filled
 from skydog.world import herding
 from skydog.world.mission import Trace
 
@@ -44,16 +43,10 @@ def page(traces: dict[str, Trace]) -> str:
 
 def player(traces: dict[str, Trace]) -> str:
     """The replay as a fragment to put inside any page; takes its ink from the page's text."""
-    view = resources.files("skydog.view")
     missions = [_mission(name, trace) for name, trace in traces.items()]
     data = json.dumps(missions, allow_nan=False, separators=(",", ":"))
-    return fill(
-        view.joinpath("replay.html").read_text("utf-8"),
-        arena=view.joinpath("arena.js").read_text("utf-8"),
-        colours=" ".join(f"--{role}: {colour};" for role, colour in ROLES.items()),
-        # A name may hold `</script>`: JSON can spell it without a `<`.
-        missions=data.replace("<", "\\u003c"),
-    )
+    # A name may hold `</script>`: JSON can spell it without a `<`.
+    return filled("replay.html", missions=data.replace("<", "\\u003c"))
 
 
 def _mission(name: str, trace: Trace) -> dict[str, Any]:
