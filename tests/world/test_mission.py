@@ -416,6 +416,20 @@ def test_worlds_of_different_sizes_and_speeds_fly_together_as_they_fly_alone():
         np.testing.assert_allclose(together.world.arena.size[i], world.arena.size)
 
 
+def test_a_second_mission_of_the_same_shepherd_is_not_compiled_again():
+    world, compiled = preset("paper"), []
+
+    def shepherd(world, state):
+        compiled.append(True)
+        return Strombom()(world, state)
+
+    first = mission.rollout(world, shepherd, a_start(), 20)
+    once = len(compiled)
+    second = mission.rollout(world, shepherd, reset(world, jax.random.key(5)), 20)
+    assert len(compiled) == once > 0
+    assert (first.sheep[0] != second.sheep[0]).any()
+
+
 def test_one_compiled_mission_serves_every_arena_and_every_speed():
     compiled = []
 

@@ -184,8 +184,7 @@ def game(
             f"world is one that skydog.preset makes, or a change of it, got {world!r:.60}"
         )
     chosen = params.preset(preset, arena, sheep) if world is None else world
-    # As arrays they are arguments of what is compiled, which then serves every world.
-    traced = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), chosen)
+    traced = params.traced(chosen)
     if what == "herd":
         cases.check(where, sheep, dogs)
         return Herd(traced, sheep, dogs, where, params.noisy(chosen))

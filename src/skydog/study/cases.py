@@ -2,14 +2,15 @@
 
 from importlib import resources
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Array, Key, PRNGKeyArray
 
 from skydog.errors import Refusal
 from skydog.words import CaseSet, Starts
-from skydog.world import mission
+from skydog.world import mission, params
 from skydog.world.mission import State
 from skydog.world.params import World
 
@@ -37,7 +38,7 @@ def cases(
         raise Refusal(f"a test needs at least 1 case, got {count}; try --cases 30")
     check(starts, sheep, dogs)
     keys = jax.random.split(jax.random.key(seed), count)
-    return jax.vmap(lambda key: draw(world, key, starts, sheep, dogs))(keys)
+    return _drawn(params.traced(world), keys, starts, sheep, dogs)
 
 
 def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: int = 1) -> State:
@@ -46,6 +47,13 @@ def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: 
     if starts == "random":
         return drawn
     return mission.start(jnp.asarray(PAPER_LAYOUT) * world.arena.size, drawn.dogs)
+
+
+@eqx.filter_jit
+def _drawn(
+    world: World, keys: Key[Array, " cases"], starts: Starts, sheep: int, dogs: int
+) -> State:
+    return jax.vmap(lambda key: draw(world, key, starts, sheep, dogs))(keys)
 
 
 def check(starts: str, sheep: int, dogs: int) -> None:

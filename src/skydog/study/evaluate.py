@@ -41,7 +41,7 @@ def fly(
     `key` draws the noise that the world's parameters ask for; None flies without any.
     """
     keys = None if key is None else jax.random.split(key, len(cases.sheep))
-    return _fly(_traced(world), _traced(shepherd), cases, steps, keys)
+    return _fly(params.traced(world), params.traced(shepherd), cases, steps, keys)
 
 
 def scenario(shepherd: Shepherd, world: World) -> str:
@@ -141,8 +141,3 @@ def _fly(
     at = jnp.minimum(jnp.arange(steps + 1), jnp.maximum(flown - 1, 0))
     records = jax.tree.map(lambda leaf: leaf[:, at], records)
     return jax.vmap(mission.recorded, in_axes=(None, 0))(world, records)
-
-
-def _traced(tree: Any) -> Any:
-    # filter_jit compiles anew for every other plain number; as arrays they are arguments.
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, tree)

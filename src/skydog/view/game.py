@@ -176,7 +176,7 @@ def turn(game: Game, shepherds: dict[str, Shepherd], steps: int) -> Game:
         case = _start(world, key, settings.sheep, settings.dogs)
         begun = Flight(case, jnp.zeros((), int), jnp.zeros(()))
         game = replace(game, flights=(begun,) * (2 if settings.mode == "race" else 1))
-    pilot = _traced(shepherds[settings.policy])
+    pilot = params.traced(shepherds[settings.policy])
     count = jnp.asarray(0 if game.waits else steps + game.single)
     hands = (_hand(game), _hand(replace(game, held=None), flies=False))
     flown = [
@@ -263,7 +263,7 @@ def _world(settings: Settings) -> World:
     world = eqx.tree_at(
         lambda w: (w.flock.noise, w.dog.perception_noise, w.dog.actuation_noise), world, noise
     )
-    return _traced(world)
+    return params.traced(world)
 
 
 def _roomy(settings: Settings) -> float:
@@ -356,13 +356,6 @@ def _seen(world: World, state: State) -> Sight:
 @eqx.filter_jit
 def _start(world: World, key: PRNGKeyArray, sheep: int, dogs: int) -> State:
     return mission.reset(world, key, sheep, dogs)
-
-
-def _traced(tree: Any) -> Any:
-    # Of one type whoever made them, since another would compile anew.
-    return jax.tree.map(
-        lambda leaf: jnp.asarray(leaf, jnp.float32) if isinstance(leaf, int | float) else leaf, tree
-    )
 
 
 def _rounded(values: Any) -> Any:

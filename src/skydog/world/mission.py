@@ -140,6 +140,10 @@ def perceive(world: World, state: State, key: PRNGKeyArray) -> State:
     )
 
 
+Records = tuple[Array, Array, Array, Array, Array, Array]
+"""What an instant leaves to record: sheep, dogs, subgoal, drives, command, accomplished."""
+
+
 def rollout(
     world: World,
     shepherd: Shepherd,
@@ -147,17 +151,21 @@ def rollout(
     steps: int = MAX_STEPS,
     key: PRNGKeyArray | None = None,
 ) -> Trace:
-    """Fly a mission of at most `steps` steps: one compiled scan, fit for jit and vmap.
+    """Fly a mission of at most `steps` steps: one compiled scan, fit for jit, vmap and grad.
 
-    `key` draws the noise; None is a mission without any.
+    `key` draws the noise; None is a mission without any. What was compiled is kept for the next
+    call with the same world, shepherd and shapes. A shepherd that is a function is the same as
+    long as it is not defined anew: a global variable that it reads is read once.
     """
+    return recorded(world, _flown(world, shepherd, state, steps, key))
+
+
+@eqx.filter_jit
+def _flown(
+    world: World, shepherd: Shepherd, state: State, steps: int, key: PRNGKeyArray | None
+) -> Records:
     fly = instant(world, shepherd, steps, key)
-    _, records = jax.lax.scan(fly, (state, jnp.asarray(False)), jnp.arange(steps + 1))
-    return recorded(world, records)
-
-
-Records = tuple[Array, Array, Array, Array, Array, Array]
-"""What an instant leaves to record: sheep, dogs, subgoal, drives, command, accomplished."""
+    return jax.lax.scan(fly, (state, jnp.asarray(False)), jnp.arange(steps + 1))[1]
 
 
 def instant(

@@ -3,11 +3,16 @@
 import math
 from collections.abc import Callable
 from dataclasses import fields
+from typing import TypeVar
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 
 from skydog.errors import Refusal
 from skydog.world.vectors import Scalar
+
+Tree = TypeVar("Tree")
 
 
 class Flock(eqx.Module):
@@ -173,6 +178,16 @@ def noisy(world: World) -> bool:
     return any(
         float(chance) != 0.0
         for chance in (flock.noise, flock.graze, dog.actuation_noise, dog.perception_noise)
+    )
+
+
+def traced(tree: Tree) -> Tree:
+    """A world, or a shepherd, with its plain numbers as arrays.
+
+    As arrays they are arguments of what is compiled, which then serves every number.
+    """
+    return jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, jnp.float32) if isinstance(leaf, float) else leaf, tree
     )
 
 
