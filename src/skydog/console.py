@@ -42,7 +42,7 @@ class TrainingBars:
             TextColumn("{task.description}"),
             TaskProgressColumn(),
             TextColumn("{task.fields[news]}"),
-            TimeRemainingColumn(),
+            TimeRemainingColumn(compact=True),
             console=progress_console,
             refresh_per_second=4,
             speed_estimate_period=120.0,
