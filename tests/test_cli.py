@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -166,6 +167,13 @@ def test_an_export_writes_a_file_that_another_runtime_flies(skydog, tmp_path, mo
     assert (code, out) == (0, "h-ddpg-4x4.onnx\n")
     dog = onnxruntime.InferenceSession(tmp_path / "h-ddpg-4x4.onnx")
     assert [told.name for told in dog.get_inputs()] == ["sheep", "dog"]
+
+
+def test_an_export_of_a_run_is_called_as_its_folder(skydog, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rex").mkdir()
+    shutil.copy(store.find(Path("h-ddpg-4x4")), tmp_path / "rex" / store.FILE)
+    assert skydog("export", "rex", "--onnx")[:2] == (0, "rex.onnx\n")
 
 
 @pytest.mark.parametrize(

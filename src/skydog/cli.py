@@ -280,7 +280,7 @@ def export(
     Args:
         sheepdog: Its file, run folder or name, such as h-ddpg-4x4.
         onnx: As ONNX, the only format so far.
-        out: The file; the sheepdog's name and .onnx if not given.
+        out: The file; if not given, the sheepdog's name, or its run folder's, and .onnx.
         preset: The world that it is to fly in; see skydog presets.
         arena: Side of the arena in metres; the one that it learnt in if not given.
     """
@@ -291,7 +291,9 @@ def export(
 
     dog, card = store.read(sheepdog)
     world = params.preset(preset, float(dog.arena) if arena is None else arena)
-    out = out or Path(f"{store.find(Path(sheepdog)).stem}.onnx")
+    file = store.find(Path(sheepdog))
+    own = file.absolute().parent.name if file.name == store.FILE else file.stem
+    out = out or Path(f"{own}.onnx")
     exporting.export(out, dog, world, card)
     print(out)
     return 0

@@ -1,3 +1,4 @@
+import pickle
 import re
 from typing import Any
 
@@ -225,6 +226,7 @@ def test_a_bad_option_is_refused_with_the_remedy(options, message):
         ("Herd", {"dogs": [[np.nan, 0.0]]}, "from -1.4 to 5.4 m"),
         ("Herd", {"dogs": "here"}, "places 1"),
         ("Drive", {"sheep": [[1.0, 1.0]] * 3}, "a lesson draws its start"),
+        ("Herd", [1], "a dict"),
     ],
 )
 def test_a_bad_reset_is_refused_with_the_remedy(name, options, message):
@@ -243,6 +245,13 @@ def test_a_bad_seed_or_option_changes_nothing_of_what_follows(seed):
     with pytest.raises(Refusal, match="no option"):
         env.reset(seed=9, options={"cat": 1})
     assert np.array_equal(env.reset()[0], other.reset()[0])
+
+
+@pytest.mark.parametrize("count", [0, 11, 2.5, "3", None, np.nan])
+def test_what_is_no_number_of_things_is_refused_with_the_bounds(count):
+    assert games.whole(np.int64(3), "sheep", 10) == 3
+    with pytest.raises(Refusal, match=re.escape(f"from 1 to 10, got {count!r}")):
+        games.whole(count, "sheep", 10)
 
 
 def test_numpys_integers_are_seeds_too():
@@ -321,6 +330,25 @@ def test_a_window_without_a_display_names_the_remedy(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "nonsense")
     with pytest.raises(UnsupportedMode, match="rgb_array"):
         make("skydog/Drive-v0", render_mode="human")
+
+
+def test_a_window_that_sdl_would_draw_into_the_void_names_the_remedy(monkeypatch):
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame.display.init()
+    monkeypatch.delenv("SDL_VIDEODRIVER")
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
+    with pytest.raises(UnsupportedMode, match="SDL_VIDEODRIVER=dummy"):
+        make("skydog/Drive-v0", render_mode="human")
+
+
+def test_an_environment_that_has_drawn_can_be_pickled_and_goes_on_alike():
+    env = make("skydog/Herd-v0", render_mode="rgb_array").unwrapped
+    env.reset(seed=1)
+    before = env.render()
+    again = pickle.loads(pickle.dumps(env))
+    np.testing.assert_array_equal(again.render(), before)
+    np.testing.assert_array_equal(again.step(STILL)[0], env.step(STILL)[0])
 
 
 def test_an_unknown_render_mode_names_those_there_are():

@@ -119,6 +119,13 @@ def test_an_array_of_another_type_is_refused_by_name_and_type(saved, name, dtype
     assert np.dtype(dtype).name in message
 
 
+@pytest.mark.parametrize("value", [1e20, -1e20])
+@pytest.mark.parametrize("name", ["time", "sheep", "dogs", "subgoal", "command"])
+def test_a_trace_out_of_bounds_is_refused_by_its_name(saved, name, value):
+    message = changed(saved, lambda arrays, card: arrays[name].flat.__setitem__(-1, value))
+    assert name in message
+
+
 def test_a_trace_of_no_instants_is_refused(saved):
     def empty(arrays, card):
         arrays.update({name: array[:0] for name, array in arrays.items()})
@@ -131,7 +138,7 @@ def test_a_trace_without_a_world_is_refused(saved, world):
     assert "world" in changed(saved, lambda arrays, card: card.update(world=world))
 
 
-@pytest.mark.parametrize("value", [None, "wide", [4.0], {}])
+@pytest.mark.parametrize("value", [None, "wide", [4.0], {}, 1e39, 10**400])
 def test_a_world_with_a_senseless_parameter_is_refused_by_its_name(saved, value):
     message = changed(saved, lambda arrays, card: card["world"].update({"arena.size": value}))
     assert "arena.size" in message

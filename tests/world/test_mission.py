@@ -1,5 +1,5 @@
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -419,15 +419,35 @@ def test_worlds_of_different_sizes_and_speeds_fly_together_as_they_fly_alone():
 def test_a_second_mission_of_the_same_shepherd_is_not_compiled_again():
     world, compiled = preset("paper"), []
 
-    def shepherd(world, state):
-        compiled.append(True)
-        return Strombom()(world, state)
+    class Counted(eqx.Module):
+        gain: jax.Array
 
-    first = mission.rollout(world, shepherd, a_start(), 20)
+        def __call__(self, world, state):
+            compiled.append(True)
+            return self.gain * Strombom()(world, state)
+
+    first = mission.rollout(world, Counted(jnp.asarray(1.0)), a_start(), 20)
     once = len(compiled)
-    second = mission.rollout(world, shepherd, reset(world, jax.random.key(5)), 20)
+    second = mission.rollout(world, Counted(jnp.asarray(0.5)), a_start(), 20)
     assert len(compiled) == once > 0
-    assert (first.sheep[0] != second.sheep[0]).any()
+    assert (first.dogs[-1] != second.dogs[-1]).any()
+
+
+def test_a_shepherd_that_was_changed_flies_as_it_is_now():
+    @dataclass
+    class Changing:
+        gain: float
+
+        def __call__(self, world, state):
+            return self.gain * Strombom()(world, state)
+
+    def flown():
+        return mission.rollout(preset("paper"), shepherd, a_start(), 20).dogs
+
+    shepherd = Changing(1.0)
+    assert (flown()[-1] != a_start().dogs).any()
+    shepherd.gain = 0.0
+    np.testing.assert_array_equal(flown()[-1], a_start().dogs)
 
 
 def test_one_compiled_mission_serves_every_arena_and_every_speed():

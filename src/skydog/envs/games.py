@@ -26,6 +26,7 @@ Observation = Literal["compact", "full"]
 """What a dog sees: the paper's four numbers, or where everybody is, seen from it."""
 
 MOST = 10_000  # sheep or dogs
+NEVER = 2**31 - 1  # the step at which an episode without a limit ends
 
 # What is told beside the observation, by name and kind: see `told`.
 TOLD = {
@@ -175,10 +176,7 @@ def game(
     what: Any = one_of(task, Task, "task")
     where: Any = one_of(starts, Starts, "starts")
     pays: Any = one_of(reward, Reward, "reward")
-    sheep, dogs = index(sheep), index(dogs)
-    for who, count in (("sheep", sheep), ("dogs", dogs)):
-        if not 1 <= count <= MOST:
-            raise Refusal(f"{who} must be from 1 to {MOST:,}, got {count}")
+    sheep, dogs = whole(sheep, "sheep", MOST), whole(dogs, "dogs", MOST)
     if world is not None and not isinstance(world, World):
         raise Refusal(
             f"world is one that skydog.preset makes, or a change of it, got {world!r:.60}"
@@ -189,6 +187,17 @@ def game(
         cases.check(where, sheep, dogs)
         return Herd(traced, sheep, dogs, where, params.noisy(chosen))
     return Taught(Lesson(traced, what, pays, sheep))
+
+
+def whole(value: Any, what: str, most: int) -> int:
+    """A number of things, if it is a whole one from 1 to `most`. Raises `Refusal`."""
+    try:
+        count = index(value)
+    except TypeError:
+        count = 0
+    if not 1 <= count <= most:
+        raise Refusal(f"{what} must be a whole number from 1 to {most:,}, got {value!r:.60}")
+    return count
 
 
 def one_of(value: str, words: Any, what: str) -> Any:

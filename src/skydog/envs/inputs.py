@@ -43,7 +43,14 @@ def seed(told: Any) -> int:
     return number
 
 
-def placed(game: Game, options: dict[str, Any] | None) -> dict[str, np.ndarray]:
+def given(options: Any) -> dict[str, Any]:
+    """The options of `reset`, none if it was given none. Raises `Refusal` for what is no dict."""
+    if options is not None and not isinstance(options, dict):
+        raise Refusal(f"the options of reset are a dict, got {_short(options)}; leave them out")
+    return dict(options or {})
+
+
+def placed(game: Game, options: Any) -> dict[str, np.ndarray]:
     """Where `reset` was told to place `sheep` and `dogs`, in metres.
 
     Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
@@ -54,7 +61,7 @@ def placed(game: Game, options: dict[str, Any] | None) -> dict[str, np.ndarray]:
     if isinstance(game, Taught):  # it draws the arena too
         bounds = {}
     where = {}
-    for name, value in (options or {}).items():
+    for name, value in given(options).items():
         if name not in bounds:
             choices = ", ".join(bounds) or "none: a lesson draws its start"
             raise Refusal(f"reset has no option {name!r}; choose from {choices}")

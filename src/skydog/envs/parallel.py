@@ -7,13 +7,13 @@ import jax
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.utils.seeding import np_random
 from pettingzoo import ParallelEnv
 
 from skydog.envs import games, inputs
 from skydog.envs.games import Observation
 from skydog.envs.single import rate, seen_and_done
 from skydog.envs.window import Eyes
-from skydog.errors import Refusal
 from skydog.world.mission import MAX_STEPS
 
 PLACED = ("sheep", "dogs")  # whom an option of `reset` may place
@@ -47,8 +47,7 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         render_mode: str | None = None,
     ):
         """`world` takes the place of `preset` and `arena`. Raises `Refusal` for bad values."""
-        if max_steps < 1:
-            raise Refusal(f"max_steps must be 1 or more, got {max_steps}")
+        self._max_steps = games.whole(max_steps, "max_steps", games.NEVER)
         self.game = games.game("herd", preset, arena, sheep, dogs, starts, world=world)
         self._how = games.one_of(observation, Observation, "observation")
         seen, done = seen_and_done(self.game, self._how)
@@ -60,7 +59,6 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         self.metadata = {**self.metadata, "render_fps": rate(self.game)}
         self.render_mode = render_mode
         self._eyes = Eyes(self.game, render_mode, self.metadata)
-        self._max_steps = max_steps
         self._seed: int | None = None
         self._episode = 0
         self._played: Any = None  # a `Played`, once it is reset
@@ -74,23 +72,24 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         return self.action_spaces[agent]
 
     def reset(
-        self, seed: Any = None, options: dict[str, Any] | None = None
+        self, seed: Any = None, options: Any = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         """A fresh episode. `options` may place `sheep` and `dogs`, in metres."""
         # PettingZoo's own test passes an option that nobody knows, and expects it to be ignored.
-        known = {name: value for name, value in (options or {}).items() if name in PLACED}
+        known = {name: value for name, value in inputs.given(options).items() if name in PLACED}
         placed = inputs.placed(self.game, known)
         given = None if seed is None else inputs.seed(seed)
         if given is None and self._seed is not None:
             self._episode += 1
         else:
-            drawn = int(np.random.default_rng().integers(2**31)) if given is None else given
+            self.np_random, _ = np_random(given)  # other people's wrappers draw from it
+            drawn = int(self.np_random.integers(2**31)) if given is None else given
             self._seed, self._episode = drawn, 0
         key = jax.random.key(self._seed % 2**32)
         self._played, seen, told = _begin(self.game, self._how, key, self._episode, placed)
         self._eyes.begin(self._played)
         self.agents = list(self.possible_agents)
-        return self._each(np.array(seen)), self._told(told)
+        return self._each(np.array(seen, np.float32)), self._told(told)
 
     def step(
         self, actions: dict[str, Any]
@@ -104,6 +103,8 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         """Fly one step, with an action for each dog."""
         if self._played is None or not self.agents:
             raise ResetNeeded("step needs an episode to be under way; call env.reset() first")
+        if not isinstance(actions, dict):
+            raise InvalidAction(f"actions are a dict, one for each of {', '.join(self.agents)}")
         if set(actions) != set(self.agents):
             odd = ", ".join(sorted(map(str, set(actions) ^ set(self.agents))))
             raise InvalidAction(f"each of {', '.join(self.agents)} has one action; see to {odd}")
@@ -114,7 +115,7 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         late = next(iter(info.values()))["steps"] >= self._max_steps
         ended = bool(outcome.terminated)
         flown = (
-            self._each(np.array(seen)),
+            self._each(np.array(seen, np.float32)),
             dict.fromkeys(self.agents, float(outcome.reward)),
             dict.fromkeys(self.agents, ended),
             dict.fromkeys(self.agents, bool(late)),

@@ -53,9 +53,7 @@ class Herding(gymnasium.Env[np.ndarray, Any]):
         self._seed, self._episode = 0, 0
         self._played: Any = None  # a `Played`, once it is reset
 
-    def reset(
-        self, *, seed: Any = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
         """A fresh episode: what the dog sees, and `info`."""
         placed = inputs.placed(self.game, options)
         given = None if seed is None else inputs.seed(seed)
@@ -91,7 +89,7 @@ class Herding(gymnasium.Env[np.ndarray, Any]):
         self._eyes.close()
 
     def _unpacked(self, row: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        numbers = np.array(row)
+        numbers = np.array(row, np.float32)
         reward, terminated, truncated, *told = numbers[self._seen :].tolist()
         kinds = zip(games.TOLD.items(), told, strict=True)
         info = {name: kind(value) for (name, kind), value in kinds}

@@ -50,10 +50,9 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
         render_mode: str | None = None,
     ):
         """Raises `Refusal` for bad values, and `UnsupportedMode` for a render mode."""
-        if not 1 <= num_envs <= MOST:
-            raise Refusal(f"num_envs must be from 1 to {MOST:,}, got {num_envs}")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise Refusal(f"max_episode_steps must be 1 or more, got {max_episode_steps}")
+        num_envs = games.whole(num_envs, "num_envs", MOST)
+        if max_episode_steps is not None:
+            max_episode_steps = games.whole(max_episode_steps, "max_episode_steps", games.NEVER)
         if render_mode is not None:
             raise UnsupportedMode(
                 'worlds stepped together are not shown; try vectorization_mode="sync"'
@@ -67,8 +66,7 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
             "render_fps": rate(self.game),
         }
         self._how = games.one_of(observation, Observation, "observation")
-        never = int(np.iinfo(np.int32).max)
-        self._limit = np.int32(min(max_episode_steps or never, never))
+        self._limit = np.int32(max_episode_steps or games.NEVER)
         self.single_observation_space, self.single_action_space = seen_and_done(
             self.game, self._how
         )
@@ -83,7 +81,7 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
         self,
         *,
         seed: Any = None,
-        options: dict[str, Any] | None = None,
+        options: Any = None,
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Fresh episodes, of all worlds or of those in `options["reset_mask"]`.
 
@@ -115,7 +113,7 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
         else:
             self._played = _chosen(again, fresh, self._played)
         seen, told = _look(self.game, self._how, self._played)
-        return np.array(seen), _masked(told, again)
+        return np.array(seen, np.float32), _masked(told, again)
 
     def step(
         self, actions: Any
@@ -150,10 +148,10 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
                 info["final_obs"][world] = final_seen[world]
             info["final_info"], info["_final_info"] = _masked(final_told, again), again.copy()
         self._over = terminated | truncated
-        return seen, reward.astype(np.float64), terminated, truncated, info
+        return seen.astype(np.float32), reward.astype(np.float64), terminated, truncated, info
 
-    def _mask(self, options: dict[str, Any] | None) -> np.ndarray:
-        rest = dict(options or {})
+    def _mask(self, options: Any) -> np.ndarray:
+        rest = inputs.given(options)
         mask = rest.pop("reset_mask", np.ones(self.num_envs, bool))
         if rest:
             raise Refusal(f"reset has no option {next(iter(rest))!r}; choose from reset_mask")

@@ -1,5 +1,6 @@
 """What an environment shows: pictures as arrays, or a window."""
 
+import os
 from typing import Any, ClassVar
 
 import jax
@@ -46,6 +47,10 @@ class Eyes:
         if self._window is not None:
             self._window.close()
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What draws is made anew where it is needed; a window stays where it is.
+        return self.__dict__ | {"_draw": None, "_window": None}
+
     def _drawn(self) -> np.ndarray:
         from skydog.view.animation import stage
 
@@ -78,6 +83,10 @@ class _Window:
         self._pygame = pygame
         try:
             pygame.display.init()
+            # Where SDL finds no display it draws into the void, unless it was told to.
+            if pygame.display.get_driver() == "offscreen" and not os.environ.get("SDL_VIDEODRIVER"):
+                pygame.display.quit()
+                raise pygame.error("there is none")
             self._screen = pygame.display.set_mode((pixels, pixels))
         except pygame.error as problem:
             raise UnsupportedMode(

@@ -1,6 +1,7 @@
 """Cases: the starts that every shepherd of a comparison flies from."""
 
 from importlib import resources
+from operator import index
 
 import equinox as eqx
 import jax
@@ -38,7 +39,7 @@ def cases(
         raise Refusal(f"a test needs at least 1 case, got {count}; try --cases 30")
     check(starts, sheep, dogs)
     keys = jax.random.split(jax.random.key(seed), count)
-    return _drawn(params.traced(world), keys, starts, sheep, dogs)
+    return _drawn(params.traced(world), keys, starts, index(sheep), index(dogs))
 
 
 def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: int = 1) -> State:

@@ -1,8 +1,8 @@
 """Fly a shepherd through cases, and say how good it was."""
 
+from operator import index
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -41,7 +41,7 @@ def fly(
     `key` draws the noise that the world's parameters ask for; None flies without any.
     """
     keys = None if key is None else jax.random.split(key, len(cases.sheep))
-    return _fly(params.traced(world), params.traced(shepherd), cases, steps, keys)
+    return _fly(params.traced(world), params.traced(shepherd), cases, index(steps), keys)
 
 
 def scenario(shepherd: Shepherd, world: World) -> str:
@@ -100,7 +100,7 @@ def _measure(traces: Trace) -> dict[str, Any]:
     return {how.__name__: jax.vmap(how)(traces) for how in (metrics.success, *MEASURES)}
 
 
-@eqx.filter_jit
+@mission.kept
 def _fly(
     world: World, shepherd: Shepherd, cases: State, steps: int, keys: Key[Array, " cases"] | None
 ) -> Trace:

@@ -56,6 +56,8 @@ def load(path: Path) -> tuple[Trace, str]:
         flags = shape in ("I", "IM") and name != "time"
         if found.dtype != (np.bool_ if flags else np.float32):
             raise Refusal(f"{path} is no whole trace: {name} holds {found.dtype}")
+        if not flags and not np.all(np.abs(found) <= params.LARGEST):
+            raise Refusal(f"{path} is no whole trace: {name} is out of bounds")
     if not isinstance(card.get("world"), dict):
         raise Refusal(f"{path} is no whole trace: its card names no world")
     world = params.unflatten(card["world"])

@@ -33,7 +33,7 @@ FRAME, END = 80, 1500  # milliseconds that a frame of a GIF and the last of any 
 FRAMES = 150  # of a GIF, at most: a longer mission shows fewer of its steps
 RATE = 25  # frames a second of an MP4
 LONGEST = 60 * RATE  # frames of an MP4, at most
-WIDEST = 16_384  # pixels that H.264 takes
+WIDEST = 16_384  # pixels that H.264 takes, and few screens show
 
 Picture = UInt8[np.ndarray, "height width 3"]
 """Red, green and blue of every pixel, from the top left."""
@@ -56,13 +56,18 @@ what `herding.gate` gives now, and `title` stands at the top left.
 
 
 def gif(traces: dict[str, Trace]) -> bytes:
-    """The missions side by side, 480 pixels each, every second step (or fewer) of them."""
+    """The missions side by side, 480 pixels each, every second step (or fewer) of them.
+
+    Raises `Refusal` for more missions than fit side by side.
+    """
+    _check_width(traces, "a GIF")
     last = _longest(traces)
     instants = [*range(0, last, max(2, math.ceil(last / FRAMES))), last]
-    frames = [Image.fromarray(picture) for picture in _pictures(traces, instants)]
+    # One after another, since all at once would fill the memory.
+    frames = map(Image.fromarray, _pictures(traces, instants))
     film = io.BytesIO()
-    durations = [FRAME] * (len(frames) - 1) + [END]
-    frames[0].save(film, "GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
+    durations = [FRAME] * (len(instants) - 1) + [END]
+    next(frames).save(film, "GIF", save_all=True, append_images=frames, duration=durations, loop=0)
     return film.getvalue()
 
 
@@ -78,11 +83,7 @@ def mp4(traces: dict[str, Trace]) -> bytes:
         import av
     except ImportError:
         raise Refusal("an MP4 needs PyAV; run: pip install 'skydog[video]'") from None
-    if len(traces) > WIDEST // PIXELS:
-        raise Refusal(
-            f"an MP4 shows at most {WIDEST // PIXELS} missions, got {len(traces)}; "
-            "name fewer, or write a page (.html)"
-        )
+    _check_width(traces, "an MP4")
     last = _longest(traces)
     instants = [*range(0, last, max(1, math.ceil(last / LONGEST))), last]
     instants += [last] * round(END / 1000 * RATE)
@@ -152,6 +153,14 @@ def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture
             now = min(instant, end)
             panels.append(draw(sheep[: now + 1], dogs[: now + 1], subgoal[now], drives[now], name))
         yield np.concatenate(panels, axis=1)
+
+
+def _check_width(traces: dict[str, Trace], film: str) -> None:
+    if len(traces) > WIDEST // PIXELS:
+        raise Refusal(
+            f"{film} shows at most {WIDEST // PIXELS} missions, got {len(traces)}; "
+            "name fewer, or write a page (.html)"
+        )
 
 
 def _longest(traces: dict[str, Trace]) -> int:

@@ -8,9 +8,11 @@ import errno
 import json
 import logging
 import secrets
+import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from ipaddress import ip_address
 from typing import Any
 from weakref import WeakSet
 
@@ -120,11 +122,7 @@ async def listening(
         raise Refusal("the live view needs websockets; run: pip install 'skydog[watch]'") from None
     if not 0 <= port <= 65535:
         raise Refusal(f"a port is 1 to 65535, got {port}; try --port 8020")
-    if host in ("", "0.0.0.0", "::", "*"):
-        raise Refusal(
-            f"host must be one address, since pages from elsewhere are turned away, got {host!r}; "
-            "try --host 127.0.0.1"
-        )
+    gate = Gate(host, _address(host, port))
 
     class Link(ServerConnection):
         def connection_made(self, transport: Any) -> None:
@@ -132,12 +130,11 @@ async def listening(
             links.add(self)
 
     links: WeakSet[Link] = WeakSet()
-    gate = Gate(host)
     table = Table(shepherds, begin)
     try:
         server = await serving(
             table.play,
-            host,
+            gate.address,
             port,
             create_connection=Link,
             process_request=gate.answer,
@@ -151,9 +148,8 @@ async def listening(
         raise _no_address(host, port, error) from error
     async with server:
         gate.port = next(iter(server.sockets)).getsockname()[1]
-        named = f"[{host}]" if ":" in host else host
         try:
-            yield f"http://{named}:{gate.port}/"
+            yield gate.url
         finally:
             # Whoever is just being let in is let in first, to be cut like the others: else Python
             # 3.13 complains of a connection that nobody closed.
@@ -173,15 +169,21 @@ class Gate:
     A foreign page, even one whose name was made to lead here (DNS rebinding), stays outside.
     """
 
-    host: str
+    host: str  # as the user called it
+    address: str  # where that is: 127.1, say, is 127.0.0.1, and browsers write it so
     port: int = 0  # known once the server listens
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return f"http://{_bracketed(self.address)}:{self.port}/"
 
     def answer(self, connection: Any, request: Any) -> Any:
         """The response to a request, or None for one that may open the socket."""
         # Of a header given twice, which no browser does, none counts.
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         if len(hosts) != 1 or hosts[0] not in self.names():
-            return connection.respond(403, f"ask for http://{self.host}:{self.port}/\n")
+            return connection.respond(403, f"ask for {self.url}\n")
         path = request.path.partition("?")[0]
         if path == "/live":
             home = [[f"http://{name}"] for name in self.names()]
@@ -209,8 +211,8 @@ class Gate:
     def names(self) -> set[str]:
         """The ways of writing this server's address in a `Host` header."""
         loopback = {"127.0.0.1", "localhost", "[::1]"}
-        own = {f"[{self.host}]" if ":" in self.host else self.host.lower()}
-        hosts = loopback if own <= loopback else own
+        own = {_bracketed(self.host.lower()), _bracketed(self.address)}
+        hosts = own | loopback if own & loopback else own
         return {f"{host}:{self.port}" for host in hosts} | (hosts if self.port == 80 else set())
 
 
@@ -366,6 +368,26 @@ def _moves(order: dict[str, Any]) -> str | None:
     ((name, value),) = order.items()
     lets_go = value is None or value[0] == HOVER if name in ("hold", "fly") else True
     return None if lets_go else name
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _address(host: str, port: int) -> str:
+    """Where a host is. Raises `Refusal` if that is nowhere, or everywhere."""
+    try:
+        found = [str(each[4][0]) for each in socket.getaddrinfo(host or "0.0.0.0", port)]
+    except OSError as error:
+        raise _no_address(host, port, error) from error
+    except UnicodeError:
+        raise Refusal(f"{short(host)} is no name of a host; try --host 127.0.0.1") from None
+    if host == "*" or any(ip_address(address).is_unspecified for address in found):
+        raise Refusal(
+            f"host must be one address, since pages from elsewhere are turned away, got {host!r}; "
+            "try --host 127.0.0.1"
+        )
+    return found[0]
 
 
 def _no_address(host: str, port: int, error: OSError) -> Refusal:

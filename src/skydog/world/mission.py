@@ -2,6 +2,9 @@
 
 import math
 from collections.abc import Callable
+from functools import wraps
+from operator import index
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -144,6 +147,20 @@ Records = tuple[Array, Array, Array, Array, Array, Array]
 """What an instant leaves to record: sheep, dogs, subgoal, drives, command, accomplished."""
 
 
+def kept(flown: Callable[..., Any]) -> Callable[..., Any]:
+    """`flown(world, shepherd, ...)`, compiled and kept for the next call if it is a module's.
+
+    Any other shepherd may read what has changed by then: it is compiled anew each time.
+    """
+    compiled = eqx.filter_jit(flown)
+
+    @wraps(flown)
+    def fly(world: World, shepherd: Shepherd, *rest: Any) -> Any:
+        return (compiled if isinstance(shepherd, eqx.Module) else flown)(world, shepherd, *rest)
+
+    return fly
+
+
 def rollout(
     world: World,
     shepherd: Shepherd,
@@ -151,16 +168,15 @@ def rollout(
     steps: int = MAX_STEPS,
     key: PRNGKeyArray | None = None,
 ) -> Trace:
-    """Fly a mission of at most `steps` steps: one compiled scan, fit for jit, vmap and grad.
+    """Fly a mission of at most `steps` steps: one compiled scan, fit for jit and vmap.
 
-    `key` draws the noise; None is a mission without any. What was compiled is kept for the next
-    call with the same world, shepherd and shapes. A shepherd that is a function is the same as
-    long as it is not defined anew: a global variable that it reads is read once.
+    `key` draws the noise; None is a mission without any. For a shepherd that is an `eqx.Module`,
+    what was compiled is kept for the next call with the same world and shapes.
     """
-    return recorded(world, _flown(world, shepherd, state, steps, key))
+    return recorded(world, _flown(world, shepherd, state, index(steps), key))
 
 
-@eqx.filter_jit
+@kept
 def _flown(
     world: World, shepherd: Shepherd, state: State, steps: int, key: PRNGKeyArray | None
 ) -> Records:

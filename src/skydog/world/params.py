@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from skydog.errors import Refusal
 from skydog.world.vectors import Scalar
 
+LARGEST = 1e9  # of a world's parameters in a file: far from where float32 overflows
 Tree = TypeVar("Tree")
 
 
@@ -225,7 +226,7 @@ def _fits(name: str, value: object) -> bool:
         return False
     if name == "flock.neighbours":
         return value is None or (isinstance(value, int) and value >= 1)
-    return isinstance(value, int | float) and math.isfinite(value)
+    return isinstance(value, int | float) and abs(value) <= LARGEST
 
 
 def _plain(value: object) -> float | int | bool | None:
