@@ -212,7 +212,7 @@ def bench(
         "",
         f"**Missions** are compiled whole with `XLA_FLAGS={WHOLE}`. XLA's own limit is 1,024 bytes "
         "a turn, beyond which it runs a loop operation by operation. It is not skydog's default: "
-        "with it, the gradients of missions whose dog starts on a sheep are NaN (jax 0.10.1). "
+        "with it, the gradients of missions in which two start at one place are NaN (jax 0.10.1). "
         "What is only flown comes out the same.",
         "",
         "Versions: " + ", ".join(f"{name} {number}" for name, number in versions.items()) + ".",
