@@ -71,6 +71,18 @@ def test_flown_together_cases_go_as_each_alone():
         np.testing.assert_allclose(together.sheep[case], alone.sheep, atol=1e-3)
 
 
+def test_a_shepherd_that_reads_what_has_changed_flies_as_it_is_now():
+    gain = [1.0]
+
+    def shepherd(world, state):
+        return gain[0] * Strombom()(world, state)
+
+    starts = cases(WORLD, 2)
+    assert (evaluate.fly(WORLD, shepherd, starts, 5).dogs[:, -1] != starts.dogs).any()
+    gain[0] = 0.0
+    assert np.array_equal(evaluate.fly(WORLD, shepherd, starts, 5).dogs[:, -1], starts.dogs)
+
+
 def test_noise_is_drawn_anew_for_every_case_and_only_with_a_key():
     noisy = replace(WORLD, dog=replace(WORLD.dog, actuation_noise=0.2))
     one = jax.tree.map(lambda leaf: leaf[:1], cases(WORLD, 1))
