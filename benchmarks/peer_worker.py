@@ -45,7 +45,7 @@ def learner(library, task, config):
         buffer_size=config["memory"],
         learning_starts=config["batch"],
         batch_size=config["batch"],
-        tau=config["follow"],
+        tau=config["tau"],
         gamma=config["discount"],
         train_freq=1,
         gradient_steps=1,

@@ -9,7 +9,7 @@ import pytest
 
 from skydog import cli, files, teaching
 from skydog.learning import train
-from skydog.networks import Actor
+from skydog.shepherds.networks import Actor
 from skydog.shepherds import store
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom

@@ -15,16 +15,20 @@ if TYPE_CHECKING:
     from skydog.shepherds.sheepdog import Sheepdog as Sheepdog
     from skydog.shepherds.store import load as load
     from skydog.shepherds.strombom import Strombom as Strombom
+    from skydog.world.laws import Flock as Flock
+    from skydog.world.mission import Decision as Decision
+    from skydog.world.mission import Fly as Fly
     from skydog.world.mission import Shepherd as Shepherd
-    from skydog.world.mission import State as State
-    from skydog.world.mission import Trace as Trace
     from skydog.world.mission import accomplished as accomplished
+    from skydog.world.mission import decide as decide
     from skydog.world.mission import reset as reset
     from skydog.world.mission import rollout as rollout
-    from skydog.world.mission import start as start
     from skydog.world.mission import step as step
     from skydog.world.params import World as World
-    from skydog.world.params import preset as preset
+    from skydog.world.presets import preset as preset
+    from skydog.world.state import State as State
+    from skydog.world.state import start as start
+    from skydog.world.trace import Trace as Trace
 
 __version__ = "0.1.0"
 
@@ -34,16 +38,20 @@ _HOMES = {
     "Sheepdog": "skydog.shepherds.sheepdog",
     "load": "skydog.shepherds.store",
     "Strombom": "skydog.shepherds.strombom",
+    "Flock": "skydog.world.laws",
+    "Decision": "skydog.world.mission",
+    "Fly": "skydog.world.mission",
     "Shepherd": "skydog.world.mission",
-    "State": "skydog.world.mission",
-    "Trace": "skydog.world.mission",
     "accomplished": "skydog.world.mission",
+    "decide": "skydog.world.mission",
     "reset": "skydog.world.mission",
     "rollout": "skydog.world.mission",
-    "start": "skydog.world.mission",
     "step": "skydog.world.mission",
     "World": "skydog.world.params",
-    "preset": "skydog.world.params",
+    "preset": "skydog.world.presets",
+    "State": "skydog.world.state",
+    "start": "skydog.world.state",
+    "Trace": "skydog.world.trace",
 }
 __all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 

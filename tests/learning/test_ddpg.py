@@ -53,7 +53,7 @@ def test_a_broken_learner_does_not_pass_for_one_that_learnt(broken):
 # One update, by hand
 
 
-SMALL = ddpg.Config(actor=(5,), critic=(7, 6), batch=8, memory=16, averaged=2.0, follow=0.1)
+SMALL = ddpg.Config(actor=(5,), critic=(7, 6), batch=8, memory=16, averaging=2.0, tau=0.1)
 
 
 def numbers(network):
@@ -142,9 +142,9 @@ class Reference:
         gradients, _ = backward(self.actor, actor_inputs, by_action * (1 - chosen**2))
         self.actor_adam.step(self.actor, gradients)
 
-        self.target_actor = mixed(self.target_actor, self.actor, config.follow)
-        self.target_critic = mixed(self.target_critic, self.critic, config.follow)
-        share = config.averaged / (self.n + config.averaged)
+        self.target_actor = mixed(self.target_actor, self.actor, config.tau)
+        self.target_critic = mixed(self.target_critic, self.critic, config.tau)
+        share = config.averaging / (self.n + config.averaging)
         self.skill = mixed(self.skill, self.actor, share)
         self.n += 1
 
@@ -193,7 +193,7 @@ def test_the_first_skill_is_the_actor_and_later_ones_lag_behind_it():
 
 def what_the_critic_is_taught(terminated: float) -> tuple[float, float]:
     """The value to which many updates bring the critic, for reward 1 and a constant next value."""
-    config = replace(SMALL, follow=0.0, critic_rate=0.01, actor_rate=0.0)
+    config = replace(SMALL, tau=0.0, critic_rate=0.01, actor_rate=0.0)
     agent = ddpg.init(jax.random.key(3), 1, 1, config)
     one = jnp.ones((8, 1))
     batch = Transition(one, one, jnp.ones(8), one, jnp.full(8, terminated))
@@ -249,8 +249,8 @@ def test_no_update_is_made_before_a_whole_batch_is_remembered():
         assert int(training.agent.updates) == updates
 
 
-def kicked(*kick: float) -> ddpg.Chance:
-    return ddpg.Chance(kick=jnp.array(kick), picks=jnp.zeros(SMALL.batch))
+def kicked(*kick: float) -> ddpg.Randomness:
+    return ddpg.Randomness(kick=jnp.array(kick), picks=jnp.zeros(SMALL.batch))
 
 
 def test_exploring_adds_the_noise_and_stays_within_the_commands():

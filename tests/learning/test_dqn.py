@@ -8,11 +8,11 @@ from toys import Walk
 
 from skydog.learning import dqn, train
 from skydog.learning.replay import Transition
-from skydog.networks import Chooser
+from skydog.shepherds.networks import GreedyQ
 
 # Small and quick, as the toys of DDPG.
-QUICK = dqn.Config(network=(32,), rate=3e-3, memory=2_000, follow=0.02, explores=2_000)
-SMALL = dqn.Config(network=(7, 6), batch=8, memory=16, averaged=2.0, follow=0.1, rate=0.01)
+QUICK = dqn.Config(network=(32,), rate=3e-3, memory=2_000, tau=0.02, epsilon_steps=2_000)
+SMALL = dqn.Config(network=(7, 6), batch=8, memory=16, averaging=2.0, tau=0.1, rate=0.01)
 CORNERS = jnp.array([[1.0, 1.0], [-1.0, 0.5], [0.0, -1.0], [0.7, -0.7], [-0.9, 0.0]])
 ACTIONS = [[-1, 0], [1, 0], [0, -1], [0, 1]]
 
@@ -88,7 +88,7 @@ def test_target_and_skill_follow_the_network():
 
 
 def test_of_four_actions_the_one_of_the_highest_value_is_chosen():
-    chooser = Chooser(3, 2, (5,), jax.random.key(0))
+    chooser = GreedyQ(3, 2, (5,), jax.random.key(0))
     for place, action in enumerate(ACTIONS):
         assert chooser.best(jnp.eye(4)[place]).tolist() == action
         assert chooser.which(jnp.array(action, jnp.float32)).tolist() == [
@@ -107,8 +107,8 @@ def test_the_share_of_random_actions_falls_to_its_least(updates, epsilon):
     agent = replace(dqn.init(jax.random.key(0), 3, 2, config), updates=jnp.asarray(updates))
     seen = jnp.array([0.3, -0.2, 0.5])
     keys = jax.random.split(jax.random.key(1), 4_000)
-    chances = jax.vmap(lambda key: dqn.chance(key, 2, config))(keys)
-    actions = jax.vmap(lambda chance: dqn.explore(agent, seen, config, chance)[1])(chances)
+    chances = jax.vmap(lambda key: dqn.draw(key, 2, config))(keys)
+    actions = jax.vmap(lambda drawn: dqn.explore(agent, seen, config, drawn)[1])(chances)
     greedy = np.all(np.asarray(actions) == np.asarray(agent.network(seen)), axis=1)
     assert greedy.mean() == pytest.approx(1 - 0.75 * epsilon, abs=0.03)
 

@@ -9,7 +9,7 @@ import pytest
 
 from skydog.learning import lessons
 from skydog.learning.lessons import Episode, Lesson
-from skydog.networks import Actor
+from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world import herding, mission
 from skydog.world.params import preset

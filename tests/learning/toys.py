@@ -17,7 +17,7 @@ QUICK = ddpg.Config(
     actor_rate=1e-3,
     critic_rate=3e-3,
     memory=2_000,
-    follow=0.02,
+    tau=0.02,
     sigma=0.3,
 )
 

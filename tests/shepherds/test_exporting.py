@@ -15,7 +15,7 @@ import onnxruntime
 import pytest
 
 from skydog.errors import Refusal
-from skydog.networks import Actor
+from skydog.shepherds.networks import Actor
 from skydog.shepherds import exporting, store
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, observe, stretched
 from skydog.study.cases import cases

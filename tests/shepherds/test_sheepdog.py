@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skydog.networks import Actor
+from skydog.shepherds.networks import Actor
 from skydog.shepherds import store
 from skydog.shepherds.sheepdog import OBSERVES, Sheepdog, observe
 from skydog.world import herding, mission

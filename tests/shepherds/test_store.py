@@ -10,7 +10,7 @@ from skydog import files
 from skydog.errors import Refusal
 from skydog.learning import ddpg, train
 from skydog.learning.lessons import Lesson
-from skydog.networks import Actor, Chooser
+from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds import store
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 from skydog.world import mission
@@ -64,7 +64,7 @@ def test_a_sheepdog_comes_back_exactly_and_flies_the_same(tmp_path, arena):
 
 
 def test_a_sheepdog_of_four_actions_comes_back_as_one(tmp_path):
-    collect, drive = (Chooser(4, 2, (5,), jax.random.key(seed)) for seed in range(2))
+    collect, drive = (GreedyQ(4, 2, (5,), jax.random.key(seed)) for seed in range(2))
     dog = Sheepdog(collect, drive, 4.0)
     store.save(tmp_path / store.FILE, dog, FROM)
     back, card = store.read(tmp_path)

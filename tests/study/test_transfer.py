@@ -1,7 +1,7 @@
 import jax
 import numpy as np
 
-from skydog.networks import Actor
+from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import evaluate, transfer
 from skydog.study.cases import shipped

@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.envs.registration import register
 
 if TYPE_CHECKING:
-    from skydog.envs.parallel import HerdTogether
+    from skydog.envs.parallel import ParallelHerdingEnv
 
 # A mission ends after the paper's 1000 steps; a lesson ends by itself, as its reward asks.
 for _name, _most in (("Herd", 1000), ("Collect", None), ("Drive", None)):
     register(
         f"skydog/{_name}-v0",
-        entry_point="skydog.envs.single:Herding",
-        vector_entry_point="skydog.envs.vector:Herdings",
+        entry_point="skydog.envs.single:HerdingEnv",
+        vector_entry_point="skydog.envs.vector:HerdingVectorEnv",
         max_episode_steps=_most,
         kwargs={"task": _name.lower()},
     )
 
 
-def herd_parallel_v0(dogs: int = 3, **options: Any) -> "HerdTogether":
+def herd_parallel_v0(dogs: int = 3, **options: Any) -> "ParallelHerdingEnv":
     """The mission for several dogs, each an agent: a `pettingzoo.ParallelEnv`.
 
-    `options` are those of `skydog.envs.parallel.HerdTogether`. Raises
+    `options` are those of `skydog.envs.parallel.ParallelHerdingEnv`. Raises
     `gymnasium.error.DependencyNotInstalled` where PettingZoo is missing.
     """
     try:
-        from skydog.envs.parallel import HerdTogether
+        from skydog.envs.parallel import ParallelHerdingEnv
     except ModuleNotFoundError as missing:
         if missing.name != "pettingzoo":
             raise
@@ -39,4 +39,4 @@ def herd_parallel_v0(dogs: int = 3, **options: Any) -> "HerdTogether":
         raise DependencyNotInstalled(
             "several agents need PettingZoo; run: pip install 'skydog[pettingzoo]'"
         ) from None
-    return HerdTogether(dogs, **options)
+    return ParallelHerdingEnv(dogs, **options)

@@ -1,4 +1,4 @@
-"""What an environment is told: actions, seeds and options, checked before anything moves."""
+"""What an environment is given: actions, seeds and options, checked before anything moves."""
 
 from operator import index
 from typing import Any
@@ -6,21 +6,21 @@ from typing import Any
 import numpy as np
 from gymnasium.error import InvalidAction
 
-from skydog.envs.games import Game, Taught
+from skydog.envs.tasks import LessonTask, Task
 from skydog.errors import Refusal
 
 
-def action(told: Any, shape: tuple[int, ...]) -> np.ndarray:
+def action(value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """An action as float32. Raises `InvalidAction` for another shape, or what is no number."""
     try:
-        given = np.asarray(told)
+        given = np.asarray(value)
         if given.dtype.kind not in "fiu":
             raise ValueError
         with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
             numbers = given.astype(np.float32)
     except (TypeError, ValueError):
         raise InvalidAction(
-            f"an action is numbers from -1 to 1 of shape {shape}, got {_short(told)}; "
+            f"an action is numbers from -1 to 1 of shape {shape}, got {_short(value)}; "
             "try env.action_space.sample()"
         ) from None
     if numbers.shape != shape:
@@ -28,18 +28,18 @@ def action(told: Any, shape: tuple[int, ...]) -> np.ndarray:
             f"an action has the shape {shape}, got {numbers.shape}; try env.action_space.sample()"
         )
     if not np.all(np.isfinite(numbers)):
-        raise InvalidAction(f"an action is finite, got {_short(told)}; has the learner diverged?")
+        raise InvalidAction(f"an action is finite, got {_short(value)}; has the learner diverged?")
     return numbers
 
 
-def seed(told: Any) -> int:
+def seed(value: Any) -> int:
     """A seed. Raises `Refusal` for what is no whole number from 0 on; it counts modulo 2³²."""
     try:
-        number = index(told)
+        number = index(value)
     except TypeError:
         number = -1
     if number < 0:
-        raise Refusal(f"a seed is a whole number from 0 on, got {_short(told)}; try seed=0")
+        raise Refusal(f"a seed is a whole number from 0 on, got {_short(value)}; try seed=0")
     return number
 
 
@@ -50,15 +50,15 @@ def given(options: Any) -> dict[str, Any]:
     return dict(options or {})
 
 
-def placed(game: Game, options: Any) -> dict[str, np.ndarray]:
-    """Where `reset` was told to place `sheep` and `dogs`, in metres.
+def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
+    """Where `reset` is to place `sheep` and `dogs`, in metres.
 
     Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
     """
-    arena, dog = game.world.arena, game.world.dog
+    arena, dog = task.world.arena, task.world.dog
     size, beyond = float(arena.size), float(dog.airspace)
-    bounds = {"sheep": (game.sheep, 0.0, size), "dogs": (game.dogs, -beyond, size + beyond)}
-    if isinstance(game, Taught):  # it draws the arena too
+    bounds = {"sheep": (task.sheep, 0.0, size), "dogs": (task.dogs, -beyond, size + beyond)}
+    if isinstance(task, LessonTask):  # it draws the arena too
         bounds = {}
     where = {}
     for name, value in given(options).items():
@@ -80,5 +80,5 @@ def placed(game: Game, options: Any) -> dict[str, np.ndarray]:
 
 
 def _short(value: Any) -> str:
-    told = repr(value).replace("\n", " ")
-    return told if len(told) <= 60 else told[:57] + "..."
+    text = repr(value).replace("\n", " ")
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -10,16 +10,16 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.seeding import np_random
 from pettingzoo import ParallelEnv
 
-from skydog.envs import games, inputs
-from skydog.envs.games import Observation
-from skydog.envs.single import rate, seen_and_done
-from skydog.envs.window import Eyes
+from skydog.envs import inputs, tasks
+from skydog.envs.single import render_fps, spaces_of
+from skydog.envs.tasks import ObservationKind
+from skydog.envs.window import Renderer
 from skydog.world.mission import MAX_STEPS
 
 PLACED = ("sheep", "dogs")  # whom an option of `reset` may place
 
 
-class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
+class ParallelHerdingEnv(ParallelEnv[str, np.ndarray, Any]):
     """The whole mission, `dog_0` and so on each an agent; all are paid the flock's reward.
 
     Actions, observations and reward are those of `skydog/Herd-v0`, each dog with a subgoal
@@ -47,28 +47,28 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         render_mode: str | None = None,
     ):
         """`world` takes the place of `preset` and `arena`. Raises `Refusal` for bad values."""
-        self._max_steps = games.whole(max_steps, "max_steps", games.NEVER)
-        self.game = games.game("herd", preset, arena, sheep, dogs, starts, world=world)
-        self._how = games.one_of(observation, Observation, "observation")
-        seen, done = seen_and_done(self.game, self._how)
+        self._max_steps = tasks.count(max_steps, "max_steps", tasks.NEVER)
+        self.task = tasks.make_task("herd", preset, arena, sheep, dogs, starts, world=world)
+        self._how = tasks.choice(observation, ObservationKind, "observation")
+        seen, done = spaces_of(self.task, self._how)
         self.possible_agents = [f"dog_{number}" for number in range(dogs)]
         self.agents: list[str] = []
         # One of its own for each agent: a space holds the generator that samples it.
         self.observation_spaces = {name: _copy(seen) for name in self.possible_agents}
         self.action_spaces = {name: _copy(done) for name in self.possible_agents}
-        self.metadata = {**self.metadata, "render_fps": rate(self.game)}
+        self.metadata = {**self.metadata, "render_fps": render_fps(self.task)}
         self.render_mode = render_mode
-        self._eyes = Eyes(self.game, render_mode, self.metadata)
+        self._renderer = Renderer(self.task, render_mode, self.metadata)
         self._seed: int | None = None
         self._episode = 0
-        self._played: Any = None  # a `Played`, once it is reset
+        self._env: Any = None  # an `EnvState`, once it is reset
 
     def observation_space(self, agent: str) -> spaces.Space[np.ndarray]:
         """What a dog sees."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """What a dog is told: a velocity in shares of its speed limit."""
+        """A dog's velocity, in shares of its speed limit."""
         return self.action_spaces[agent]
 
     def reset(
@@ -77,7 +77,7 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         """A fresh episode. `options` may place `sheep` and `dogs`, in metres."""
         # PettingZoo's own test passes an option that nobody knows, and expects it to be ignored.
         known = {name: value for name, value in inputs.given(options).items() if name in PLACED}
-        placed = inputs.placed(self.game, known)
+        placed = inputs.placed(self.task, known)
         given = None if seed is None else inputs.seed(seed)
         if given is None and self._seed is not None:
             self._episode += 1
@@ -86,10 +86,10 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
             drawn = int(self.np_random.integers(2**31)) if given is None else given
             self._seed, self._episode = drawn, 0
         key = jax.random.key(self._seed % 2**32)
-        self._played, seen, told = _begin(self.game, self._how, key, self._episode, placed)
-        self._eyes.begin(self._played)
+        self._env, seen, info = _reset(self.task, self._how, key, self._episode, placed)
+        self._renderer.reset(self._env)
         self.agents = list(self.possible_agents)
-        return self._each(np.array(seen, np.float32)), self._told(told)
+        return self._each(np.array(seen, np.float32)), self._infos(info)
 
     def step(
         self, actions: dict[str, Any]
@@ -101,7 +101,7 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
         dict[str, dict[str, Any]],
     ]:
         """Fly one step, with an action for each dog."""
-        if self._played is None or not self.agents:
+        if self._env is None or not self.agents:
             raise ResetNeeded("step needs an episode to be under way; call env.reset() first")
         if not isinstance(actions, dict):
             raise InvalidAction(f"actions are a dict, one for each of {', '.join(self.agents)}")
@@ -109,9 +109,9 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
             odd = ", ".join(sorted(map(str, set(actions) ^ set(self.agents))))
             raise InvalidAction(f"each of {', '.join(self.agents)} has one action; see to {odd}")
         commands = np.stack([inputs.action(actions[name], (2,)) for name in self.agents])
-        self._played, seen, outcome, told = _turn(self.game, self._how, self._played, commands)
-        self._eyes.see(self._played)
-        info = self._told(told)
+        self._env, seen, outcome, info = _step(self.task, self._how, self._env, commands)
+        self._renderer.add(self._env)
+        info = self._infos(info)
         late = next(iter(info.values()))["steps"] >= self._max_steps
         ended = bool(outcome.terminated)
         flown = (
@@ -127,19 +127,19 @@ class HerdTogether(ParallelEnv[str, np.ndarray, Any]):
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """The arena from above, 480 pixels a side, red, green and blue; None for a window."""
-        if self._played is None:
+        if self._env is None:
             raise ResetNeeded("render needs an episode to be under way; call env.reset() first")
-        return self._eyes.picture()
+        return self._renderer.frame()
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        self._eyes.close()
+        self._renderer.close()
 
     def _each(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         return dict(zip(self.agents, rows, strict=True))
 
-    def _told(self, told: dict[str, Any]) -> dict[str, dict[str, Any]]:
-        plain = {name: value.item() for name, value in jax.device_get(told).items()}
+    def _infos(self, info: dict[str, Any]) -> dict[str, dict[str, Any]]:
+        plain = {name: value.item() for name, value in jax.device_get(info).items()}
         return {name: dict(plain) for name in self.agents}
 
 
@@ -148,12 +148,12 @@ def _copy(space: spaces.Box) -> spaces.Box:
 
 
 @partial(jax.jit, static_argnames="how")
-def _begin(game, how, key, episode, placed) -> Any:
-    played = games.place(games.begin(game, jax.random.fold_in(key, episode)), placed)
-    return played, games.observe(game, played, how), games.told(game, played)
+def _reset(task, how, key, episode, placed) -> Any:
+    env = tasks.place(tasks.reset(task, jax.random.fold_in(key, episode)), placed)
+    return env, tasks.observe(task, env, how), tasks.info(task, env)
 
 
 @partial(jax.jit, static_argnames="how")
-def _turn(game, how, played, commands) -> Any:
-    played, outcome = games.turn(game, played, commands)
-    return played, games.observe(game, played, how), outcome, games.told(game, played)
+def _step(task, how, env, commands) -> Any:
+    env, outcome = tasks.step(task, env, commands)
+    return env, tasks.observe(task, env, how), outcome, tasks.info(task, env)

@@ -10,16 +10,16 @@ from gymnasium.error import ResetNeeded, UnsupportedMode
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from skydog.envs import games, inputs
-from skydog.envs.games import Observation
-from skydog.envs.single import rate, seen_and_done
+from skydog.envs import inputs, tasks
+from skydog.envs.single import render_fps, spaces_of
+from skydog.envs.tasks import ObservationKind
 from skydog.errors import Refusal
 
 MOST = 1 << 20  # worlds
 
 
-class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
-    """`num_envs` worlds of `skydog.envs.single.Herding`, with the same options and numbers.
+class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
+    """`num_envs` worlds of `skydog.envs.single.HerdingEnv`, with the same options and numbers.
 
     A world whose seed is s + i does, to rounding, what the single environment with that seed does;
     no option of `reset` places sheep or dogs. Where
@@ -50,32 +50,30 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
         render_mode: str | None = None,
     ):
         """Raises `Refusal` for bad values, and `UnsupportedMode` for a render mode."""
-        num_envs = games.whole(num_envs, "num_envs", MOST)
+        num_envs = tasks.count(num_envs, "num_envs", MOST)
         if max_episode_steps is not None:
-            max_episode_steps = games.whole(max_episode_steps, "max_episode_steps", games.NEVER)
+            max_episode_steps = tasks.count(max_episode_steps, "max_episode_steps", tasks.NEVER)
         if render_mode is not None:
             raise UnsupportedMode(
                 'worlds stepped together are not shown; try vectorization_mode="sync"'
             )
         self.num_envs = num_envs
-        self.game = games.game(task, preset, arena, sheep, 1, starts, reward, world)
+        self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world)
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {
             **self.metadata,
             "autoreset_mode": self._mode,
-            "render_fps": rate(self.game),
+            "render_fps": render_fps(self.task),
         }
-        self._how = games.one_of(observation, Observation, "observation")
-        self._limit = np.int32(max_episode_steps or games.NEVER)
-        self.single_observation_space, self.single_action_space = seen_and_done(
-            self.game, self._how
-        )
+        self._how = tasks.choice(observation, ObservationKind, "observation")
+        self._limit = np.int32(max_episode_steps or tasks.NEVER)
+        self.single_observation_space, self.single_action_space = spaces_of(self.task, self._how)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seeds = np.zeros(num_envs, np.uint32)
         self._episodes = np.zeros(num_envs, np.int32)
         self._over = np.zeros(num_envs, bool)
-        self._played: Any = None  # `Played` of all worlds, once they are reset
+        self._env: Any = None  # `EnvState` of all worlds, once they are reset
 
     def reset(
         self,
@@ -87,7 +85,7 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
 
         `seed` is one for each world, or that of the first, the others counting on.
         """
-        first = self._played is None
+        first = self._env is None
         again = self._mask(options)
         if seed is None or isinstance(seed, list | tuple | np.ndarray):
             each = [None] * self.num_envs if seed is None else list(seed)
@@ -98,7 +96,7 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
             seeds = [counted + world for world in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise Refusal(f"{self.num_envs} worlds take as many seeds, got {len(seeds)}")
-        # At first all worlds are begun, whatever the mask: those outside it are just not told of.
+        # At first all worlds are begun, whatever the mask: of those outside it, nothing is returned.
         for world in np.flatnonzero(again | first):
             given = seeds[world]
             if given is None and not first:
@@ -107,19 +105,19 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
             drawn = int(self.np_random.integers(2**31)) if given is None else given
             self._seeds[world], self._episodes[world] = drawn % 2**32, 0
         self._over &= ~again
-        fresh = _begin(self.game, self._seeds, self._episodes)
-        if self._played is None or again.all():
-            self._played = fresh
+        fresh = _reset(self.task, self._seeds, self._episodes)
+        if self._env is None or again.all():
+            self._env = fresh
         else:
-            self._played = _chosen(again, fresh, self._played)
-        seen, told = _look(self.game, self._how, self._played)
-        return np.array(seen, np.float32), _masked(told, again)
+            self._env = _chosen(again, fresh, self._env)
+        seen, info = _look(self.task, self._how, self._env)
+        return np.array(seen, np.float32), _masked(info, again)
 
     def step(
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Fly one step in every world."""
-        if self._played is None:
+        if self._env is None:
             raise ResetNeeded("step needs episodes to be under way; call envs.reset() first")
         if self._mode is AutoresetMode.DISABLED and self._over.any():
             raise ResetNeeded(
@@ -127,26 +125,26 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
                 'options={"reset_mask": terminated | truncated}'
             )
         commands = inputs.action(actions, (self.num_envs, 2))
-        self._played, new = _turn(
-            self.game,
+        self._env, new = _step(
+            self.task,
             self._how,
             self._mode.value,
-            self._played,
+            self._env,
             commands,
             self._over,
             self._seeds,
             self._episodes,
             self._limit,
         )
-        seen, reward, terminated, truncated, told, again, final = jax.tree.map(np.array, new)
+        seen, reward, terminated, truncated, info, again, final = jax.tree.map(np.array, new)
         self._episodes += again
-        info = _masked(told, np.ones(self.num_envs, bool))
+        info = _masked(info, np.ones(self.num_envs, bool))
         if self._mode is AutoresetMode.SAME_STEP and again.any():
-            final_seen, final_told = final
+            final_seen, final_info = final
             info["final_obs"], info["_final_obs"] = np.full(self.num_envs, None), again
             for world in np.flatnonzero(again):
                 info["final_obs"][world] = final_seen[world]
-            info["final_info"], info["_final_info"] = _masked(final_told, again), again.copy()
+            info["final_info"], info["_final_info"] = _masked(final_info, again), again.copy()
         self._over = terminated | truncated
         return seen.astype(np.float32), reward.astype(np.float64), terminated, truncated, info
 
@@ -165,27 +163,27 @@ class Herdings(VectorEnv[np.ndarray, Any, np.ndarray]):
         return mask
 
 
-def _masked(told: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """What is told, beside which worlds it is told of; of others it is nought."""
-    info: dict[str, Any] = {}
-    for name, kind in games.TOLD.items():
-        info[name] = np.where(mask, np.asarray(told[name]), 0).astype(kind)
-        info[f"_{name}"] = mask.copy()
-    return info
+def _masked(info: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+    """The info, and beside it a mask of the worlds that it is about; for the others it is zero."""
+    masked: dict[str, Any] = {}
+    for name, kind in tasks.INFO.items():
+        masked[name] = np.where(mask, np.asarray(info[name]), 0).astype(kind)
+        masked[f"_{name}"] = mask.copy()
+    return masked
 
 
 @jax.jit
-def _begin(game, seeds, episodes) -> Any:
+def _reset(task, seeds, episodes) -> Any:
     def one(seed, episode):
-        return games.begin(game, jax.random.fold_in(jax.random.key(seed), episode))
+        return tasks.reset(task, jax.random.fold_in(jax.random.key(seed), episode))
 
     return jax.vmap(one)(seeds, episodes)
 
 
 @partial(jax.jit, static_argnames="how")
-def _look(game, how, played) -> Any:
-    seen = jax.vmap(lambda played: games.observe(game, played, how)[0])(played)
-    return seen, jax.vmap(partial(games.told, game))(played)
+def _look(task, how, env) -> Any:
+    seen = jax.vmap(lambda env: tasks.observe(task, env, how)[0])(env)
+    return seen, jax.vmap(partial(tasks.info, task))(env)
 
 
 @jax.jit
@@ -196,9 +194,9 @@ def _chosen(which, new, old) -> Any:
     return jax.tree.map(choose, new, old)
 
 
-@partial(jax.jit, static_argnames=("how", "mode"), donate_argnames="played")
-def _turn(game, how, mode, played, commands, over, seeds, episodes, limit) -> Any:
-    after, outcome = jax.vmap(partial(games.turn, game))(played, commands[:, None])
+@partial(jax.jit, static_argnames=("how", "mode"), donate_argnames="env")
+def _step(task, how, mode, env, commands, over, seeds, episodes, limit) -> Any:
+    after, outcome = jax.vmap(partial(tasks.step, task))(env, commands[:, None])
     terminated = outcome.terminated
     truncated = outcome.truncated | (after.episode.step >= limit)
     reward = outcome.reward
@@ -210,12 +208,12 @@ def _turn(game, how, mode, played, commands, over, seeds, episodes, limit) -> An
         again = terminated | truncated
     else:
         again = jnp.zeros_like(over)
-    final = _look(game, how, after) if mode == AutoresetMode.SAME_STEP.value else None
+    final = _look(task, how, after) if mode == AutoresetMode.SAME_STEP.value else None
     # Only when there is something to begin: a start costs as much as several steps.
     now = jax.lax.cond(
         jnp.any(again),
-        lambda: _chosen(again, _begin(game, seeds, episodes + 1), after),
+        lambda: _chosen(again, _reset(task, seeds, episodes + 1), after),
         lambda: after,
     )
-    seen, told = _look(game, how, now)
-    return now, (seen, reward, terminated, truncated, told, again, final)
+    seen, info = _look(task, how, now)
+    return now, (seen, reward, terminated, truncated, info, again, final)

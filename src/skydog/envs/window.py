@@ -7,38 +7,38 @@ import jax
 import numpy as np
 from gymnasium.error import DependencyNotInstalled, UnsupportedMode
 
-from skydog.envs.games import Game, Played
+from skydog.envs.tasks import EnvState, Task
 
 PIXELS = 480  # the side of a picture
 
 
-class Eyes:
+class Renderer:
     """Remembers an episode for its trails, and draws it; without a render mode does nothing."""
 
-    def __init__(self, game: Game, mode: str | None, metadata: dict[str, Any]):
+    def __init__(self, task: Task, mode: str | None, metadata: dict[str, Any]):
         """Raises `UnsupportedMode` for a mode that there is not, or a window without a display."""
         modes = metadata["render_modes"]
         if mode is not None and mode not in modes:
             raise UnsupportedMode(f"no render_mode is called {mode!r}; choose from {modes}, None")
-        self._game, self._mode, self._rate = game, mode, metadata["render_fps"]
+        self._task, self._mode, self._rate = task, mode, metadata["render_fps"]
         self._window = _Window(PIXELS) if mode == "human" else None
         self._scenes: list[tuple[Any, ...]] = []
         self._draw: Any = None
 
-    def begin(self, played: Played) -> None:
+    def reset(self, env: EnvState) -> None:
         """Forget the episode before."""
         self._scenes, self._draw = [], None
-        self.see(played)
+        self.add(env)
 
-    def see(self, played: Played) -> None:
+    def add(self, env: EnvState) -> None:
         """Remember an instant, and show it if there is a window."""
         if self._mode is None:
             return
-        self._scenes.append(jax.device_get(_aim(self._game, played)))
+        self._scenes.append(jax.device_get(_scene(self._task, env)))
         if self._window is not None:
             self._window.show(self._drawn(), self._rate)
 
-    def picture(self) -> np.ndarray | None:
+    def frame(self) -> np.ndarray | None:
         """The latest instant, 480 pixels a side; None where a window shows it, or nothing does."""
         return self._drawn() if self._mode == "rgb_array" else None
 
@@ -56,13 +56,15 @@ class Eyes:
 
         world, state, subgoal, drives, success = self._scenes[-1]
         if self._draw is None:
-            world = jax.tree.map(float, world)
+            world = jax.device_get(world)
             self._draw = stage(world, len(state.sheep), len(state.dogs), PIXELS)
         sheep, dogs = (
             np.stack([getattr(scene[1], who) for scene in self._scenes])
             for who in ("sheep", "dogs")
         )
-        return self._draw(sheep, dogs, subgoal, drives, "accomplished" if success else "")
+        return self._draw(
+            sheep, dogs, subgoal, drives, "accomplished" if success else "", len(sheep) - 1
+        )
 
 
 class _Window:
@@ -83,7 +85,7 @@ class _Window:
         self._pygame = pygame
         try:
             pygame.display.init()
-            # Where SDL finds no display it draws into the void, unless it was told to.
+            # Where SDL finds no display it draws into the void, unless it was asked to.
             if pygame.display.get_driver() == "offscreen" and not os.environ.get("SDL_VIDEODRIVER"):
                 pygame.display.quit()
                 raise pygame.error("there is none")
@@ -118,5 +120,5 @@ class _Window:
 
 
 @jax.jit
-def _aim(game, played):
-    return game.aim(played.episode)
+def _scene(task, env):
+    return task.scene(env.episode)

@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.learning.noise import ornstein_uhlenbeck
 from skydog.learning.replay import Transition
-from skydog.learning.weights import adam, towards
-from skydog.networks import Actor, Critic
+from skydog.learning.weights import adam, soft_update
+from skydog.shepherds.networks import Actor, Critic
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,18 @@ class Config:
     """Transitions in a mini-batch (paper, "Deep neural network structure")."""
     memory: int = 100_000
     """Transitions that the replay memory holds (paper, "Deep neural network structure")."""
-    follow: float = 0.001
+    tau: float = 0.001
     """λ: how far the target networks follow in a step (Lillicrap et al. 2015); not in the paper."""
     theta: float = 0.15
     """θ of the exploration noise (Lillicrap et al. 2015); not in the paper."""
     sigma: float = 0.2
     """σ of the exploration noise (Lillicrap et al. 2015); not in the paper."""
-    averaged: float = 5.0
+    averaging: float = 5.0
     """The skill is the actor averaged over about the latest 1/5 of the updates (polynomial decay,
     Shamir and Zhang 2013); not in the paper, whose DDPG hands over the latest actor."""
 
 
-class Chance(eqx.Module):
+class Randomness(eqx.Module):
     """The randomness of one step: what the noise is kicked by, and which memories are drawn."""
 
     kick: Float[Array, "*batch action"]  # standard normal
@@ -85,27 +85,27 @@ def init(key: PRNGKeyArray, observation: int, action: int, config: Config) -> DD
     )
 
 
-def chance(key: PRNGKeyArray, action: int, config: Config) -> Chance:
+def draw(key: PRNGKeyArray, action: int, config: Config) -> Randomness:
     """Draw the randomness of one step: normal kicks, and picks uniform in [0, 1)."""
     for_kick, for_picks = jax.random.split(key)
-    return Chance(
+    return Randomness(
         kick=jax.random.normal(for_kick, (action,)),
         picks=jax.random.uniform(for_picks, (config.batch,)),
     )
 
 
 def explore(
-    agent: DDPG, observation: Float[Array, " seen"], config: Config, chance: Chance
+    agent: DDPG, observation: Float[Array, " seen"], config: Config, drawn: Randomness
 ) -> tuple[DDPG, Float[Array, " action"]]:
     """The actor's action with noise added, within [-1, 1]."""
-    noise = ornstein_uhlenbeck(agent.noise, config.theta, config.sigma, chance.kick)
+    noise = ornstein_uhlenbeck(agent.noise, config.theta, config.sigma, drawn.kick)
     action = jnp.clip(agent.actor(observation) + noise, -1.0, 1.0)
     return eqx.tree_at(lambda a: a.noise, agent, noise), action
 
 
-def begin(agent: DDPG, begins: Bool[Array, ""]) -> DDPG:
-    """The learner, its noise at rest again where an episode begins."""
-    return eqx.tree_at(lambda a: a.noise, agent, jnp.where(begins, 0.0, agent.noise))
+def episode_start(agent: DDPG, starts: Bool[Array, ""]) -> DDPG:
+    """The learner, its noise at rest again where an episode starts."""
+    return eqx.tree_at(lambda a: a.noise, agent, jnp.where(starts, 0.0, agent.noise))
 
 
 def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
@@ -130,14 +130,14 @@ def update(agent: DDPG, batch: Transition, config: Config) -> DDPG:
     actor = eqx.apply_updates(agent.actor, change)
 
     # The latest actor wanders about the policy that it converges to; its average far less.
-    share = config.averaged / (agent.updates + config.averaged)
+    share = config.averaging / (agent.updates + config.averaging)
     return DDPG(
         actor=actor,
         critic=critic,
-        skill=towards(agent.skill, actor, share),
+        skill=soft_update(agent.skill, actor, share),
         updates=agent.updates + 1,
-        target_actor=towards(agent.target_actor, actor, config.follow),
-        target_critic=towards(agent.target_critic, critic, config.follow),
+        target_actor=soft_update(agent.target_actor, actor, config.tau),
+        target_critic=soft_update(agent.target_critic, critic, config.tau),
         actor_adam=actor_adam,
         critic_adam=critic_adam,
         noise=agent.noise,

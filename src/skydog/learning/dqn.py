@@ -9,8 +9,8 @@ import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.learning.replay import Transition
-from skydog.learning.weights import adam, towards
-from skydog.networks import Chooser
+from skydog.learning.weights import adam, soft_update
+from skydog.shepherds.networks import GreedyQ
 
 
 @dataclass(frozen=True)
@@ -27,38 +27,38 @@ class Config:
     """Transitions in a mini-batch (paper, "Deep neural network structure")."""
     memory: int = 100_000
     """Transitions that the replay memory holds (paper, "Deep neural network structure")."""
-    follow: float = 0.001
+    tau: float = 0.001
     """λ: how far the target network follows in a step, as H-DDPG's do."""
-    explores: int = 20_000
+    epsilon_steps: int = 20_000
     """Steps over which ε falls from 1 to its least. Ours; Mnih et al. take a fiftieth of a
     training, and this is a fifth of the default one, which is five hundred times as short."""
-    least: float = 0.05
+    epsilon_min: float = 0.05
     """The least ε: the share of actions that stay random. Between Mnih et al.'s 0.1 and 0.01."""
-    averaged: float = 5.0
+    averaging: float = 5.0
     """The skill is the network averaged over about the latest 1/5 of the updates, as DDPG's is."""
 
 
-class Chance(eqx.Module):
-    """The randomness of one step: whether to gamble, on what, and which memories are drawn."""
+class Randomness(eqx.Module):
+    """The randomness of one step: whether to explore, the values to explore by, and which memories are drawn."""
 
-    gamble: Float[Array, "*batch"]
-    stake: Float[Array, "*batch actions"]
+    explore: Float[Array, "*batch"]
+    values: Float[Array, "*batch actions"]
     picks: Float[Array, "*batch transitions"]
 
 
 class DQN(eqx.Module):
     """The learner's whole state: the network, its target, its optimiser."""
 
-    network: Chooser
-    target: Chooser
-    skill: Chooser  # the network averaged over its recent past: what has been learnt
+    network: GreedyQ
+    target: GreedyQ
+    skill: GreedyQ  # the network averaged over its recent past: what has been learnt
     updates: Int[Array, ""]
     adam: optax.OptState
 
 
 def init(key: PRNGKeyArray, observation: int, action: int, config: Config) -> DQN:
     """An untaught learner for so many numbers seen and so many commanded."""
-    network = Chooser(observation, action, config.network, key)
+    network = GreedyQ(observation, action, config.network, key)
     return DQN(
         network=network,
         # Copies, so that the loop may donate its whole state: XLA takes no buffer twice.
@@ -69,26 +69,26 @@ def init(key: PRNGKeyArray, observation: int, action: int, config: Config) -> DQ
     )
 
 
-def chance(key: PRNGKeyArray, action: int, config: Config) -> Chance:
+def draw(key: PRNGKeyArray, action: int, config: Config) -> Randomness:
     """Draw the randomness of one step, all uniform in [0, 1)."""
-    for_gamble, for_stake, for_picks = jax.random.split(key, 3)
-    return Chance(
-        gamble=jax.random.uniform(for_gamble),
-        stake=jax.random.uniform(for_stake, (2 * action,)),
+    for_explore, for_values, for_picks = jax.random.split(key, 3)
+    return Randomness(
+        explore=jax.random.uniform(for_explore),
+        values=jax.random.uniform(for_values, (2 * action,)),
         picks=jax.random.uniform(for_picks, (config.batch,)),
     )
 
 
 def explore(
-    agent: DQN, observation: Float[Array, " seen"], config: Config, chance: Chance
+    agent: DQN, observation: Float[Array, " seen"], config: Config, drawn: Randomness
 ) -> tuple[DQN, Float[Array, " action"]]:
     """The action of the highest value, or with probability ε any (ε-greedy)."""
-    epsilon = jnp.maximum(config.least, 1.0 - agent.updates / config.explores)
+    epsilon = jnp.maximum(config.epsilon_min, 1.0 - agent.updates / config.epsilon_steps)
     values = agent.network.values(observation)
-    return agent, agent.network.best(jnp.where(chance.gamble < epsilon, chance.stake, values))
+    return agent, agent.network.best(jnp.where(drawn.explore < epsilon, drawn.values, values))
 
 
-def begin(agent: DQN, begins: Bool[Array, ""]) -> DQN:
+def episode_start(agent: DQN, starts: Bool[Array, ""]) -> DQN:
     """The learner at the start of an episode, which means nothing to it."""
     return agent
 
@@ -99,17 +99,17 @@ def update(agent: DQN, batch: Transition, config: Config) -> DQN:
     target = batch.reward + config.discount * (1.0 - batch.terminated) * next_value
     taken = agent.network.which(batch.action)
 
-    def loss(network: Chooser) -> Float[Array, ""]:
+    def loss(network: GreedyQ) -> Float[Array, ""]:
         value = jnp.sum(jnp.where(taken, network.values(batch.observation), 0.0), axis=-1)
         return jnp.mean((value - target) ** 2)
 
     change, optimiser = adam(config.rate).update(jax.grad(loss)(agent.network), agent.adam)
     network = eqx.apply_updates(agent.network, change)
-    share = config.averaged / (agent.updates + config.averaged)
+    share = config.averaging / (agent.updates + config.averaging)
     return DQN(
         network=network,
-        target=towards(agent.target, network, config.follow),
-        skill=towards(agent.skill, network, share),
+        target=soft_update(agent.target, network, config.tau),
+        skill=soft_update(agent.skill, network, share),
         updates=agent.updates + 1,
         adam=optimiser,
     )

@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skydog.learning.options import Reward, Skill
 from skydog.shepherds import sheepdog
-from skydog.words import Reward, Skill
 from skydog.world import herding, mission
-from skydog.world.mission import State
 from skydog.world.params import World
+from skydog.world.state import State, start
 from skydog.world.vectors import norm
 
 # A dog has arrived when it is as near as this to its subgoal, in metres. Not in the paper;
@@ -24,10 +24,10 @@ ARRIVAL = 0.34
 # A `progress` lesson goes on so many steps whatever happens: a dog that has arrived has yet
 # to learn to hold a point that moves. The `paper` lesson lasts its 1000 steps at most.
 HORIZON = {"progress": 50, "paper": mission.MAX_STEPS}
-# Each episode draws at which scale it is lived: 0.5 is an arena twice as long, which the dog
-# sees and flies in through ξ = 0.5. What does not scale with an arena is the flock in it; a
-# skill that has met it at one size alone misses, through ξ, by centimetres that ξ then
-# magnifies. Uniform in the logarithm; the ends bracket the arenas from 3 to 20 m, for 4 m.
+# Each episode draws its scale ξ: 0.5 is an arena twice as long, in which distances are multiplied
+# by 0.5 before the dog sees them. What does not scale with an arena is the flock in it; a skill
+# that has met it at one size only misses, through ξ, by centimetres that ξ then magnifies.
+# Uniform in the logarithm; the ends bracket the arenas from 3 to 20 m, for 4 m.
 SCALES = (0.1, 1.4)
 # How far from the middle of the others a stray starts: at least so many f(N), and at most so
 # many sides of the arena. Ours.
@@ -53,7 +53,7 @@ class Episode(eqx.Module):
     """One attempt at a lesson."""
 
     state: State
-    scale: Float[Array, ""]  # ξ: the lesson's arena, as a share of the one it is lived in
+    scale: Float[Array, ""]  # ξ: the lesson's arena, as a share of the episode's
     step: Int[Array, ""]
     arrived: Bool[Array, ""]  # whether the dog has been where the reward takes it
 
@@ -73,7 +73,7 @@ class Lesson(eqx.Module):
     `paper` is the paper's lesson: ±0.1 for getting nearer or not, ended by arrival. It can
     be gamed by never arriving. `progress`, the default, pays the metres gained on a
     point a little nearer than the subgoal, and by the flock, and goes on after arrival. Each
-    episode is lived at a scale of its own, through ξ (see `SCALES`). The subgoal is the
+    episode draws its own scale ξ (see `SCALES`). The subgoal is the
     mission's own: kept within the airspace, behind whichever sheep is the stray at the time.
     """
 
@@ -98,9 +98,9 @@ class Lesson(eqx.Module):
         for_centre, for_angle, for_radius, for_stray, for_dog, for_scale = jax.random.split(key, 6)
         small, large = map(math.log, self.scales)
         scale = jnp.exp(jax.random.uniform(for_scale, minval=small, maxval=large))
-        world = self.lived_in(scale)
+        world = self.world_at(scale)
         size = world.arena.size
-        radius = herding.gathered_radius(self.world.flock, self.sheep)
+        radius = herding.gathered_radius(self.world, self.sheep)
         centre = size * jax.random.uniform(for_centre, (2,), minval=0.15, maxval=0.9)
         share = jnp.sqrt(jax.random.uniform(for_radius, (self.sheep,)))
         if self.skill == "collect":
@@ -112,7 +112,7 @@ class Lesson(eqx.Module):
         sheep = jnp.clip(centre + radius * share[:, None] * around, 0.0, size)
         dog = herding.gcm(sheep) + jax.random.uniform(for_dog, (1, 2), minval=-REACH, maxval=REACH)
         return Episode(
-            state=mission.start(sheep, herding.within_airspace(world, dog)),
+            state=start(sheep, herding.within_airspace(world, dog)),
             scale=scale,
             step=jnp.asarray(0),
             arrived=jnp.asarray(False),
@@ -126,7 +126,7 @@ class Lesson(eqx.Module):
 
     def step(self, episode: Episode, action: Float[Array, "2"]) -> tuple[Episode, Outcome]:
         """Fly one step; `action` is the velocity in shares of the speed limit, before 1/ξ."""
-        before, world = episode.state, self.lived_in(episode.scale)
+        before, world = episode.state, self.world_at(episode.scale)
         flown = sheepdog.stretched(action, episode.scale) if self.stretches else action
         after = mission.step(world, before, world.dog.speed * flown[None])
         moved = Episode(after, episode.scale, episode.step + 1, episode.arrived)
@@ -139,7 +139,7 @@ class Lesson(eqx.Module):
             reward = jnp.where(now <= was, 0.1, -0.1)
             terminated = arrived
         else:
-            reward = (was - now) + FLOCK_SHARE * self._flock_gain(before, after)
+            reward = (was - now) + FLOCK_SHARE * self._flock_gain(world, before, after)
             reward = reward - DISTANCE_COST * episode.scale * now
             reward = reward - FLIGHT_COST * norm(after.dogs - before.dogs)[0]
             terminated = jnp.asarray(False)
@@ -147,13 +147,12 @@ class Lesson(eqx.Module):
         out_of_time = moved.step >= HORIZON[self.reward]
         return moved, Outcome(reward, terminated, out_of_time & ~terminated, moved.arrived)
 
-    def _flock_gain(self, before: State, after: State) -> Float[Array, ""]:
+    def _flock_gain(self, world: World, before: State, after: State) -> Float[Array, ""]:
         """Metres by which the centre came nearer to the goal, or the stray to the centre."""
-        centre = herding.gcm(before.sheep)
+        way = world.home.way(world, before.sheep)
         if self.skill == "drive":
-            goal = herding.goal(self.world.arena)
-            return norm(centre - goal) - norm(herding.gcm(after.sheep) - goal)
-        stray = jnp.argmax(norm(before.sheep - centre))
+            return way.distance - world.home.way(world, after.sheep).distance
+        centre, stray = herding.gcm(before.sheep), jnp.argmax(way.stray)
         return norm(before.sheep[stray] - centre) - norm(after.sheep[stray] - centre)
 
     def subgoal(self, episode: Episode, aim: float = 1.0) -> Float[Array, "1 2"]:
@@ -161,7 +160,7 @@ class Lesson(eqx.Module):
         state = episode.state
         world = eqx.tree_at(
             lambda w: (w.dog.driving, w.dog.collecting),
-            self.lived_in(episode.scale),
+            self.world_at(episode.scale),
             replace_fn=lambda offset: offset * aim,
         )
         if self.skill == "drive":
@@ -170,6 +169,6 @@ class Lesson(eqx.Module):
             point, _ = herding.collecting_points(world, state.sheep, state.dogs)
         return herding.within_airspace(world, point)
 
-    def lived_in(self, scale: Float[Array, ""]) -> World:
+    def world_at(self, scale: Float[Array, ""]) -> World:
         """The world of an episode at a scale: its arena is 1/ξ times as long."""
         return eqx.tree_at(lambda w: w.arena.size, self.world, self.world.arena.size / scale)

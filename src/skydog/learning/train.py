@@ -24,6 +24,9 @@ CHUNK = 1_000  # steps a compiled call: long enough to cost nothing, short enoug
 CHECKPOINT = 20_000  # steps between checkpoints
 EPISODES_A_ROW = 10  # paper, Section "Training": rewards in every 10 episodes
 
+Curve = tuple[np.ndarray, np.ndarray]
+"""What one seed learnt: episodes, and the reward per action in the ten up to each of them."""
+
 
 @runtime_checkable
 class Task(Protocol):
@@ -56,7 +59,7 @@ class Training(eqx.Module):
     length: Int[Array, ""]  # of the episode so far
 
 
-class Ended(eqx.Module):
+class EpisodeEnds(eqx.Module):
     """Which steps of a chunk ended an episode, and what that episode had come to."""
 
     ended: Bool[Array, "*chunk"]
@@ -87,7 +90,7 @@ class History:
             for row in range(len(reward))
         ]
 
-    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+    def curve(self) -> Curve:
         """Episodes, and the reward per action in the 10 up to each."""
         every_ten = self.rows()
         return np.array([row[0] for row in every_ten]), np.array([row[1] for row in every_ten])
@@ -100,7 +103,7 @@ class History:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a training has come; what a listener hears after each chunk."""
+    """How far a training has come; what a callback gets after each chunk."""
 
     step: int
     steps: int
@@ -112,7 +115,7 @@ class Progress:
 def learner(config: Any) -> ModuleType:
     """The learner that a config belongs to: the module it comes from, `ddpg` or like it.
 
-    A learner is a file with `Config`, `init`, `chance`, `explore`, `begin` and `update`.
+    A learner is a file with `Config`, `init`, `draw`, `explore`, `episode_start` and `update`.
     """
     return sys.modules[type(config).__module__]
 
@@ -133,7 +136,7 @@ def init(task: Task, config: Any, key: PRNGKeyArray) -> Training:
 @partial(jax.jit, static_argnames=("config", "steps"), donate_argnames="training")
 def advance(
     task: Any, config: Any, training: Training, key: PRNGKeyArray, steps: int
-) -> tuple[Training, Ended]:
+) -> tuple[Training, EpisodeEnds]:
     """So many steps of Algorithm 1, each with one update, in one compiled loop.
 
     The randomness of a step comes from `key` and the step's number alone: however a training
@@ -144,12 +147,12 @@ def advance(
 
     def draw(step: Int[Array, ""]) -> tuple[Any, PRNGKeyArray]:
         for_learner, for_start = jax.random.split(jax.random.fold_in(key, step))
-        return learns.chance(for_learner, task.action, config), for_start
+        return learns.draw(for_learner, task.action, config), for_start
 
-    def one(training: Training, drawn: tuple[Any, PRNGKeyArray]) -> tuple[Training, Ended]:
-        chance, for_start = drawn
+    def one(training: Training, drawn: tuple[Any, PRNGKeyArray]) -> tuple[Training, EpisodeEnds]:
+        random, for_start = drawn
         seen = task.observe(training.episode)
-        agent, action = learns.explore(training.agent, seen, config, chance)
+        agent, action = learns.explore(training.agent, seen, config, random)
         episode, outcome = task.step(training.episode, action)
         transition = Transition(
             observation=seen,
@@ -160,7 +163,7 @@ def advance(
         )
         # Written before sampled: XLA then updates the ring in place instead of copying it.
         memory = replay.add(training.memory, transition)
-        batch = replay.sample(memory, chance.picks, transition)
+        batch = replay.sample(memory, random.picks, transition)
         agent = jax.lax.cond(
             memory.written >= config.batch,
             lambda: learns.update(agent, batch, config),
@@ -170,14 +173,14 @@ def advance(
         ended = outcome.terminated | outcome.truncated
         reward, length = training.reward + outcome.reward, training.length + 1
         after = Training(
-            agent=learns.begin(agent, ended),
+            agent=learns.episode_start(agent, ended),
             memory=memory,
             episode=jax.lax.cond(ended, lambda: task.start(for_start), lambda: episode),
             step=training.step + 1,
             reward=jnp.where(ended, 0.0, reward),
             length=jnp.where(ended, 0, length),
         )
-        return after, Ended(ended, reward, length, outcome.success)
+        return after, EpisodeEnds(ended, reward, length, outcome.success)
 
     # Drawn for the whole chunk at once: inside the loop it would cost more than the learning.
     chances = jax.vmap(draw)(training.step + jnp.arange(steps))
@@ -192,12 +195,12 @@ def train(
     folder: Path | None = None,
     card: dict[str, Any] | None = None,
     resume: bool = False,
-    listen: Callable[[Progress], bool] = lambda _: True,
+    callback: Callable[[Progress], bool] = lambda _: True,
     episodes: int | None = None,
 ) -> tuple[Training, History]:
-    """Train until `steps` steps or `episodes` episodes are done, or `listen` answers False.
+    """Train until `steps` steps or `episodes` episodes are done, or `callback` returns False.
 
-    `listen` hears a `Progress` after each chunk. With a `folder`, everything is kept there:
+    `callback` is called with a `Progress` after each chunk. With a `folder`, everything is kept there:
     `checkpoint.safetensors` (networks, optimisers, memory, episode; every 20,000 steps and at
     the end) and `curve.csv`. `card` says what is trained; `resume` continues a checkpoint of
     the same card, bit for bit, and starts anew where there is none. Raises `Refusal` for a
@@ -213,11 +216,11 @@ def train(
     done = int(training.step)
     saved = -1
     more = True
-    while more and not over(training, history, steps, episodes):
+    while more and not finished(training, history, steps, episodes):
         training, ended = advance(task, config, training, key, min(CHUNK, steps - done))
         done = int(training.step)
         history = _extend(history, ended)
-        more = listen(_progress(history, done, steps))
+        more = callback(_progress(history, done, steps))
         if folder is not None and done % CHECKPOINT < CHUNK:
             _save(folder, training, history, card)
             saved = done
@@ -226,7 +229,7 @@ def train(
     return training, history
 
 
-def over(training: Training, history: History, steps: int, episodes: int | None = None) -> bool:
+def finished(training: Training, history: History, steps: int, episodes: int | None = None) -> bool:
     """Whether a training has come to its end: to its steps, or before them to its episodes."""
     learnt_enough = episodes is not None and len(history.reward) >= episodes
     return int(training.step) >= steps or learnt_enough
@@ -272,7 +275,7 @@ def _blank(task: Task) -> Transition:
     return Transition(seen, jnp.zeros(task.action), nothing, seen, nothing)
 
 
-def _extend(history: History, ended: Ended) -> History:
+def _extend(history: History, ended: EpisodeEnds) -> History:
     at = np.asarray(ended.ended)
     return History(
         reward=np.append(history.reward, np.asarray(ended.reward)[at]),

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 Tree = TypeVar("Tree")
 
 
-def towards(old: Tree, new: Tree, share: float | Float[Array, ""]) -> Tree:
+def soft_update(old: Tree, new: Tree, share: float | Float[Array, ""]) -> Tree:
     """The weights `old`, moved by a share of the way to `new` (paper, "soft replacement")."""
     return jax.tree.map(lambda was, now: was + share * (now - was), old, new)
 

@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from skydog.errors import Refusal
-from skydog.learning.course import Course
-from skydog.words import Skill
+from skydog.learning.curriculum import Curriculum
+from skydog.learning.options import Skill
 
 
 @dataclass(frozen=True)
 class Job:
     """One skill of one sheepdog, to be trained in a folder of its own."""
 
-    course: Course
+    curriculum: Curriculum
     skill: Skill
     seed: int
     folder: Path
@@ -30,16 +30,16 @@ class Job:
     @property
     def name(self) -> str:
         """What the job is called while it runs."""
-        return f"{self.course.dog} {self.skill}, seed {self.seed}"
+        return f"{self.curriculum.dog} {self.skill}, seed {self.seed}"
 
     @property
     def card(self) -> dict[str, Any]:
         """What is trained, for the checkpoint."""
-        return {**self.course.card(), "skill": self.skill}
+        return {**self.curriculum.card(), "skill": self.skill}
 
 
 @dataclass(frozen=True)
-class News:
+class Message:
     """What a worker tells of its job: progress, or how it ended."""
 
     job: Job
@@ -48,7 +48,7 @@ class News:
     refused: bool = False  # whether the user can mend what went wrong
 
 
-def run(jobs: Sequence[Job], listen: Callable[[News], None]) -> bool:
+def run(jobs: Sequence[Job], callback: Callable[[Message], None]) -> bool:
     """Train every job, as many at a time as there are cores; tell whether all were finished.
 
     Ctrl-C, or a termination signal, stops after the chunk in hand: every training is
@@ -57,82 +57,82 @@ def run(jobs: Sequence[Job], listen: Callable[[News], None]) -> bool:
     """
     cores = sorted(_cores())
     context = mp.get_context("spawn")
-    waiting, told, stop = context.Queue(), context.Queue(), context.Event()
+    waiting, messages, stop = context.Queue(), context.Queue(), context.Event()
     for job in jobs:
         waiting.put(job)
     workers = [
-        context.Process(target=_work, args=(core, waiting, told, stop), daemon=True)
+        context.Process(target=_work, args=(core, waiting, messages, stop), daemon=True)
         for core in cores[: len(jobs)]
     ]
-    endings: list[News] = []
+    endings: list[Message] = []
     try:
         with _signals() as asked:
             for worker in workers:
                 waiting.put(None)
                 _start(worker)
-            while any(worker.is_alive() for worker in workers) or not told.empty():
+            while any(worker.is_alive() for worker in workers) or not messages.empty():
                 if asked:
                     stop.set()
                 with suppress(queue.Empty):
-                    news = told.get(timeout=0.2)
-                    if news.ended:
-                        endings.append(news)
-                        if news.ended not in ("done", "stopped"):
+                    message = messages.get(timeout=0.2)
+                    if message.ended:
+                        endings.append(message)
+                        if message.ended not in ("done", "stopped"):
                             stop.set()
-                    listen(news)
+                    callback(message)
     finally:  # no worker outlives a listener that failed, and no unread job holds up the exit
         stop.set()
         waiting.cancel_join_thread()
-    for news in endings:
-        if news.refused:
-            raise Refusal(news.ended)
-        if news.ended not in ("done", "stopped"):
-            raise RuntimeError(f"training {news.job.name} broke: {news.ended}")
+    for message in endings:
+        if message.refused:
+            raise Refusal(message.ended)
+        if message.ended not in ("done", "stopped"):
+            raise RuntimeError(f"training {message.job.name} broke: {message.ended}")
     killed = [worker.exitcode for worker in workers if worker.exitcode]
     if killed:
         raise Refusal(
             f"a training died (exit code {killed[0]}), out of memory perhaps; try --resume"
         )
-    return sum(news.ended == "done" for news in endings) == len(jobs)
+    return sum(message.ended == "done" for message in endings) == len(jobs)
 
 
-def _work(core: int, waiting: Any, told: Any, stop: Event) -> None:
+def _work(core: int, waiting: Any, messages: Any, stop: Event) -> None:
     parent = os.getppid()
     _pin(core)  # before jax is imported: its threads then do not fight over the cores
     while (job := waiting.get()) is not None and not stop.is_set():
         try:
-            finished = _train(job, told, lambda: stop.is_set() or os.getppid() != parent)
-            told.put(News(job, ended="done" if finished else "stopped"))
+            finished = _train(job, messages, lambda: stop.is_set() or os.getppid() != parent)
+            messages.put(Message(job, ended="done" if finished else "stopped"))
         except Refusal as refusal:
-            told.put(News(job, ended=str(refusal), refused=True))
+            messages.put(Message(job, ended=str(refusal), refused=True))
         except Exception as problem:
-            told.put(News(job, ended=f"{type(problem).__name__}: {problem}"))
+            messages.put(Message(job, ended=f"{type(problem).__name__}: {problem}"))
     if os.getppid() != parent:
-        told.cancel_join_thread()  # nobody reads it any more
+        messages.cancel_join_thread()  # nobody reads it any more
 
 
-def _train(job: Job, told: Any, stopped: Callable[[], bool]) -> bool:
+def _train(job: Job, messages: Any, stopped: Callable[[], bool]) -> bool:
     from skydog.learning import train
 
-    def listen(progress: train.Progress) -> bool:
-        told.put(News(job, progress=progress))
+    def callback(progress: train.Progress) -> bool:
+        messages.put(Message(job, progress=progress))
         return not stopped()
 
-    course = job.course
+    curriculum = job.curriculum
     # The lessons of one sheepdog are two trainings: they must not draw the same numbers.
     seed = 2 * job.seed + (job.skill == "drive")
     training, history = train.train(
-        course.lesson(job.skill),
-        course.config(),
+        curriculum.lesson(job.skill),
+        curriculum.config(),
         seed,
-        course.steps,
+        curriculum.steps,
         job.folder,
         job.card,
         job.resume,
-        listen,
-        course.episodes,
+        callback,
+        curriculum.episodes,
     )
-    return train.over(training, history, course.steps, course.episodes)
+    return train.finished(training, history, curriculum.steps, curriculum.episodes)
 
 
 @contextmanager

@@ -9,10 +9,13 @@ import numpy as np
 
 from skydog import __version__, files
 from skydog.errors import Refusal
-from skydog.networks import Actor, Chooser
+from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
-from skydog.world import params
+from skydog.world.home import StraightHome
+from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import World
+from skydog.world.serialise import flatten, own_name
+from skydog.world.spread import FixedSpread, SquareRootSpread, TwoThirdsSpread
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -34,14 +37,12 @@ sheepdog (float[cases, sheep, 2] sheep, float[cases, 2] dog)
     shape = Shape (sheep)
     counted = Gather (shape, flockmates)
     count = Cast <to = 1> (counted)
-    growth = Pow (count, two_thirds)
-    radius = Mul (spread, growth)
+    SPREAD
     drives = LessOrEqual (furthest, radius)
     behaviour = Unsqueeze (drives, coordinates)
 
     # herding.driving_points: R √N behind the centre, seen from the goal.
-    from_goal = Sub (centre, goal)
-    _, behind = skydog.polar (from_goal)
+    HOME
     root = Sqrt (count)
     offset = Mul (driving, root)
     back = Mul (offset, behind)
@@ -61,7 +62,7 @@ sheepdog (float[cases, sheep, 2] sheep, float[cases, 2] dog)
     both = Concat <axis = 1> (from_centre, from_subgoal)
     seen = Mul (xi, both)
 
-    # networks.Actor or networks.Chooser, twice.
+    # networks.Actor or networks.GreedyQ, twice.
     SKILLS
     action = Where (behaviour, driven, collected)
 
@@ -72,9 +73,9 @@ sheepdog (float[cases, sheep, 2] sheep, float[cases, 2] dog)
 
     # A dog hovers where a number is not finite. What is seen is asked too, since a runtime's
     # Relu and ArgMax may make a number of NaN.
-    told = Concat <axis = 1> (seen, flown)
-    nan = IsNaN (told)
-    infinite = IsInf (told)
+    numbers = Concat <axis = 1> (seen, flown)
+    nan = IsNaN (numbers)
+    infinite = IsInf (numbers)
     broken = Or (nan, infinite)
     marks = Cast <to = 1> (broken)
     mark = ReduceMax <keepdims = 1> (marks, coordinates)
@@ -95,6 +96,22 @@ polar (v) => (length, direction)
 }
 """
 
+# The lines of each law that a graph can hold.
+SPREADS = {
+    TwoThirdsSpread: "power = Pow (count, two_thirds)\n    radius = Mul (length, power)",
+    SquareRootSpread: "twice = Add (count, count)\n    side = Sqrt (twice)\n"
+    "    radius = Mul (length, side)",
+    FixedSpread: "radius = Identity (length)",
+}
+HOMES = {
+    StraightHome: "from_goal = Sub (centre, goal)\n    _, behind = skydog.polar (from_goal)",
+}
+LIMITS = {
+    PerAxis: "flown = Clip (asked, slowest, fastest)",
+    AnyDirection: "pace, heading = skydog.polar (asked)\n    slower = Min (pace, speed)\n"
+    "    flown = Mul (heading, slower)",
+}
+
 
 def export(path: Path, sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> None:
     """Write a sheepdog that flies in a world as one ONNX file.
@@ -105,13 +122,14 @@ def export(path: Path, sheepdog: Sheepdog, world: World, card: dict[str, Any]) -
     The world's parameters are constants in it; they stand in its metadata as JSON, with `card`,
     which says where the sheepdog comes from. Noise is left out.
 
-    Raises `Refusal` if onnx is missing or the file cannot be written.
+    Raises `Refusal` if onnx is missing, if the file cannot be written, or if f(N), the way home or
+    the dog's limits are a law of your own, which the file could not hold.
     """
     files.write_bytes(path, model(sheepdog, world, card).SerializeToString(deterministic=True))
 
 
 def model(sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> "ModelProto":
-    """What `export` writes. Raises `Refusal` if onnx is missing."""
+    """What `export` writes. Raises `Refusal` as it does."""
     try:
         import onnx
         from onnx import checker, helper, inliner, numpy_helper, parser
@@ -127,7 +145,17 @@ def model(sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> "ModelProto
     ]
     graph = GRAPH.replace("SKILLS", "\n    ".join(skills))
     graph = graph.replace("STRETCHED", _stretched(sheepdog.drive.stretches and xi != 1.0))
-    graph = graph.replace("LIMITED", _limited(world.dog.per_axis))
+    for place, law, lines in (
+        ("SPREAD", world.spread, SPREADS),
+        ("HOME", world.home, HOMES),
+        ("LIMITED", world.dog.limits, LIMITS),
+    ):
+        if type(law) not in lines:
+            raise Refusal(
+                f"an ONNX file holds the laws that ship with skydog, not {own_name(law)}; "
+                "export for a world of a preset"
+            )
+        graph = graph.replace(place, lines[type(law)])
     made: onnx.ModelProto = parser.parse_model(graph)
     used = {name for node in made.graph.node for name in node.input}
     made.graph.initializer.extend(
@@ -142,7 +170,7 @@ def model(sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> "ModelProto
         made,
         {
             "card": json.dumps(files.plain(card)),
-            "world": json.dumps(files.plain(params.flatten(world))),
+            "world": json.dumps(files.plain(flatten(world))),
             "observes": json.dumps(OBSERVES),
             "commands": json.dumps(COMMANDS),
             "inputs": "sheep: m, dog: m; x right, y up, from the arena's corner",
@@ -158,7 +186,7 @@ def _constants(world: World, xi: float) -> dict[str, np.ndarray]:
     arena, dog = world.arena, world.dog
     numbers = {
         "goal": [arena.goal_x, arena.goal_y],
-        "spread": [world.flock.spread],
+        "length": [getattr(world.spread, "length", 0.0)],
         "two_thirds": [2 / 3],
         "driving": [dog.driving],
         "collecting": [dog.collecting],
@@ -175,7 +203,7 @@ def _constants(world: World, xi: float) -> dict[str, np.ndarray]:
 
 
 def _skill(
-    name: str, skill: Actor | Chooser, action: str, constants: dict[str, np.ndarray]
+    name: str, skill: Actor | GreedyQ, action: str, constants: dict[str, np.ndarray]
 ) -> list[str]:
     """The lines of a skill, from `seen` to `action`; its weights are added to the constants."""
     lines, x = [], "seen"
@@ -200,13 +228,3 @@ def _stretched(stretches: bool) -> str:
     if not stretches:
         return "stretched = Identity (action)"
     return "longer = Div (action, xi)\n    stretched = Tanh (longer)"
-
-
-def _limited(per_axis: bool) -> str:
-    if per_axis:
-        return "flown = Clip (asked, slowest, fastest)"
-    return (
-        "pace, heading = skydog.polar (asked)\n"
-        "    slower = Min (pace, speed)\n"
-        "    flown = Mul (heading, slower)"
-    )

@@ -4,10 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from skydog.networks import Actor, Chooser
+from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.world import herding
-from skydog.world.mission import State, limited
+from skydog.world.mission import limited
 from skydog.world.params import World
+from skydog.world.state import State
 from skydog.world.vectors import Scalar
 
 # The four numbers that a dog sees (paper, "Action and state space"), in their order.
@@ -39,13 +40,13 @@ def stretched(action: Float[Array, "*batch 2"], xi: Scalar) -> Float[Array, "*ba
 class Sheepdog(eqx.Module):
     """Flies the skill that the gate chooses: a learnt shepherd.
 
-    With skills that are `Actor`s it is the paper's H-DDPG, with `Chooser`s its predecessor
+    With skills that are `Actor`s it is the paper's H-DDPG, with `GreedyQ`s its predecessor
     DHRL. In an arena other than the one it learnt in, what it sees is multiplied by ξ, and what
     H-DDPG commands is stretched by 1/ξ; DHRL's steps keep their length (paper, "Testing").
     """
 
-    collect: Actor | Chooser
-    drive: Actor | Chooser
+    collect: Actor | GreedyQ
+    drive: Actor | GreedyQ
     arena: Scalar  # metres: the side of the arena that the skills were learnt in
 
     def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
@@ -57,6 +58,6 @@ class Sheepdog(eqx.Module):
         if self.drive.stretches:
             action = stretched(action, xi)
         # A dog whose eyes fail hovers. An `Actor` carries what is no number through to its limits;
-        # of such values a `Chooser` would pick the first.
+        # of such values a `GreedyQ` would pick the first.
         action = jnp.where(jnp.all(jnp.isfinite(seen), axis=-1, keepdims=True), action, jnp.nan)
         return limited(world.dog, world.dog.speed * action)

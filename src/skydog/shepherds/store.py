@@ -11,11 +11,11 @@ from jaxtyping import Array
 
 from skydog import files
 from skydog.errors import Refusal
-from skydog.networks import Actor, Chooser
+from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 
 KIND = "sheepdog"
-POLICIES = {"actor": Actor, "chooser": Chooser}  # what a card calls the kinds of skills
+POLICIES = {"actor": Actor, "chooser": GreedyQ}  # what a card calls the kinds of skills
 FILE = "sheepdog.safetensors"
 ZOO = Path(__file__).parent / "zoo"
 LARGEST = 1 << 26  # bytes
@@ -124,8 +124,8 @@ def readable(card: dict[str, Any]) -> str:
 
 
 def _skill(
-    path: Path, skill: str, arrays: dict[str, np.ndarray], policy: type[Actor] | type[Chooser]
-) -> Actor | Chooser:
+    path: Path, skill: str, arrays: dict[str, np.ndarray], policy: type[Actor] | type[GreedyQ]
+) -> Actor | GreedyQ:
     depth = sum(name.startswith(f"{skill}.") and name.endswith(".weight") for name in arrays)
     nodes = [len(OBSERVES)]
     weights: list[Array] = []

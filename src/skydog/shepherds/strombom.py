@@ -4,10 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from skydog.words import AtPoint
+from skydog.shepherds.options import AtPoint
 from skydog.world import herding
-from skydog.world.mission import State, fastest, limited
+from skydog.world.mission import fastest, limited
 from skydog.world.params import World
+from skydog.world.state import State
 from skydog.world.vectors import Scalar, limit, norm
 
 

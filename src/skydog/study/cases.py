@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Array, Key, PRNGKeyArray
 
 from skydog.errors import Refusal
-from skydog.words import CaseSet, Starts
+from skydog.study.options import Starts
 from skydog.world import mission, params
-from skydog.world.mission import State
 from skydog.world.params import World
+from skydog.world.state import State, start
 
 # Where the three sheep start, in sides of the arena. The paper does not print its starts;
 # these are ours, opposite the goal: gathered in 4 m, and with one to collect first in 6 m.
@@ -47,7 +47,7 @@ def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: 
     drawn = mission.reset(world, key, sheep, dogs)
     if starts == "random":
         return drawn
-    return mission.start(jnp.asarray(PAPER_LAYOUT) * world.arena.size, drawn.dogs)
+    return start(jnp.asarray(PAPER_LAYOUT) * world.arena.size, drawn.dogs)
 
 
 @eqx.filter_jit
@@ -72,18 +72,18 @@ def check(starts: str, sheep: int, dogs: int) -> None:
         )
 
 
-def shipped(world: World, name: CaseSet) -> State:
+def shipped(world: World, name: Starts) -> State:
     """The fixed cases of the simulation study, for an arena of any size.
 
     `paper`: 30 starts of the UAV with the three sheep of `PAPER_LAYOUT`, as the paper tests.
-    `hard`: 1,000 in which the three sheep vary too. Both ship as CSV, in sides of the arena,
+    `random`: 1,000 in which the three sheep vary too. Both ship as CSV, in sides of the arena,
     for other tools to fly; `as_table` made them of `cases` with seed 0 and 1.
     """
     file = resources.files("skydog.study").joinpath("data", f"{name}.csv")
     with file.open(encoding="utf-8") as lines:
         shares = np.loadtxt(lines, delimiter=",", skiprows=1, dtype=np.float32)
     placed = jnp.asarray(shares.reshape(len(shares), -1, 2)) * world.arena.size
-    return jax.vmap(mission.start)(placed[:, 1:], placed[:, :1])
+    return jax.vmap(start)(placed[:, 1:], placed[:, :1])
 
 
 def as_table(world: World, drawn: State) -> str:

@@ -157,13 +157,13 @@ def compared(measured: Measured) -> list[Finding]:
     return findings
 
 
-def accomplished(rows: dict[str, Any], hard: dict[str, Any]) -> list[Finding]:
+def accomplished(rows: dict[str, Any], random: dict[str, Any]) -> list[Finding]:
     """What came of the claims about success, from rows by scenario on both sets of cases."""
     learnt = [name for name in rows if not name.startswith("Strombom")]
     rule = [name for name in rows if name.startswith("Strombom")]
 
     def told(names: list[str]) -> str:
-        return " ".join(f"{name}: {of_all(rows[name])}, {of_all(hard[name])}." for name in names)
+        return " ".join(f"{name}: {of_all(rows[name])}, {of_all(random[name])}." for name in names)
 
     def of_all(row: dict[str, Any]) -> str:
         return f"{round(row['success'] * row['cases']):,} of {row['cases']:,} {_interval(row)}"
@@ -201,7 +201,7 @@ def carried_over(moved: dict[str, dict[str, Any]]) -> list[Finding]:
         "Success of 100 % for H-DDPG-4×4to6×6.",
         "reproduced" if plain["success"] >= 29 / 30 else "not reproduced",
         f"With lessons at one scale, as the paper has them, {plain['success']:.1%} of "
-        f"{plain['cases']} missions {_interval(plain)}; with lessons lived at scales from 0.1 to "
+        f"{plain['cases']} missions {_interval(plain)}; with lessons at scales from 0.1 to "
         f"1.4, {ours['success']:.1%} of {ours['cases']} {_interval(ours)}. In larger arenas the "
         f"first fail: {further(ONE_SCALE)}; the second: {further(ALL_SCALES)}. ξ scales distances, "
         "but not the flock: what a skill misses by at home, 1/ξ magnifies, and a dog that stands a "

@@ -1,5 +1,6 @@
 """Fly a shepherd through cases, and say how good it was."""
 
+from dataclasses import replace
 from operator import index
 from typing import Any
 
@@ -8,14 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
+from skydog.errors import Refusal
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics, statistics
 from skydog.world import mission, params
-from skydog.world.mission import MAX_STEPS, Shepherd, State, Trace
+from skydog.world.mission import MAX_STEPS, Record, Shepherd
 from skydog.world.params import World
+from skydog.world.state import State
+from skydog.world.trace import Trace
 
-CHUNK = 100  # instants between looks at whether all missions are accomplished
+CHUNK = 100  # instants between looks at whether all missions are accomplished, at most
+CHUNK_NUMBERS = 1 << 24  # coordinates of sheep in a chunk, at most: 64 MB
 MEASURES = (
     metrics.steps,
     metrics.steps_gcm,
@@ -32,16 +37,25 @@ MEASURES = (
 def fly(
     world: World,
     shepherd: Shepherd,
-    cases: State,
+    starts: State,
     steps: int = MAX_STEPS,
     key: PRNGKeyArray | None = None,
+    every: int | None = 1,
 ) -> Trace:
-    """One mission a case, all in one compiled call: a trace with the cases along its first axis.
+    """One mission per start, all in one compiled call: a trace with the cases along its first axis.
 
-    `key` draws the noise that the world's parameters ask for; None flies without any.
+    `key` draws the noise that the world's parameters ask for; None flies without any. The sheep
+    are recorded at every `every`-th instant and at the last; None is the first and the last
+    alone. Every metric is the same for it. The trace takes 8 bytes per sheep, mission and
+    recorded instant, and some 40 per dog, mission and instant.
     """
-    keys = None if key is None else jax.random.split(key, len(cases.sheep))
-    return _fly(params.traced(world), params.traced(shepherd), cases, index(steps), keys)
+    if every is not None and every < 1:
+        raise Refusal(
+            f"the sheep are recorded every 1 instant or more, got {every}; try --every 10"
+        )
+    keys = None if key is None else jax.random.split(key, len(starts.sheep))
+    every = index(steps) + 1 if every is None else index(every)
+    return _fly(params.traced(world), params.traced(shepherd), starts, index(steps), keys, every)
 
 
 def scenario(shepherd: Shepherd, world: World) -> str:
@@ -57,10 +71,9 @@ def scenario(shepherd: Shepherd, world: World) -> str:
     return f"{'H-DDPG' if shepherd.drive.stretches else 'DHRL'}-{learnt}{flown}"
 
 
-def fly_noisily(world: World, shepherd: Shepherd, starts: State, seed: int) -> Trace:
-    """Missions from `starts`, with the noise that the world asks for, if any."""
-    key = jax.random.key(seed) if params.noisy(world) else None
-    return fly(world, shepherd, starts, key=key)
+def noise_key(world: World, seed: int) -> PRNGKeyArray | None:
+    """The key that draws a mission's noise; None in a world without any."""
+    return jax.random.key(seed) if params.noisy(world) else None
 
 
 def measure(traces: Trace) -> dict[str, np.ndarray]:
@@ -100,44 +113,70 @@ def _measure(traces: Trace) -> dict[str, Any]:
     return {how.__name__: jax.vmap(how)(traces) for how in (metrics.success, *MEASURES)}
 
 
-@mission.kept
+@mission.compiled_once
 def _fly(
-    world: World, shepherd: Shepherd, cases: State, steps: int, keys: Key[Array, " cases"] | None
+    world: World,
+    shepherd: Shepherd,
+    starts: State,
+    steps: int,
+    keys: Key[Array, " cases"] | None,
+    every: int,
 ) -> Trace:
-    """`mission.rollout` of every case, no further than the last that is accomplished."""
+    """`mission.rollout` of every start, no further than the last that is accomplished."""
+    cases, sheep, _ = starts.sheep.shape
+    # Of the largest flocks fewer instants at a time: a chunk holds its sheep at each of them.
+    chunk = max(1, min(CHUNK, CHUNK_NUMBERS // (2 * cases * sheep)))
 
     def on(
         state: State, done: Bool[Array, ""], key: PRNGKeyArray | None, now: Int[Array, " instants"]
-    ) -> tuple[tuple[State, Array], mission.Records]:
+    ) -> tuple[tuple[State, Array], Record]:
         fly = mission.instant(world, shepherd, steps, key)
         return jax.lax.scan(fly, (state, done), now)
 
-    def chunk(at: Int[Array, ""], state: State, done: Bool[Array, " cases"]):
-        now = at + jnp.arange(CHUNK)
-        return jax.vmap(on, in_axes=(0, 0, None if keys is None else 0, None))(
+    def next_chunk(at: Int[Array, ""], state: State, done: Bool[Array, " cases"]):
+        now = at + jnp.arange(chunk)
+        (state, done), record = jax.vmap(on, in_axes=(0, 0, None if keys is None else 0, None))(
             state, done, keys, now
         )
+        sheep = record.sheep
+        if every > 1:  # in place of the sheep, their centre
+            record = replace(record, sheep=jnp.mean(sheep, axis=-2, keepdims=True))
+        return state, done, record, sheep
 
     def more(carry):
-        at, _, done, _ = carry
+        at, _, done, _, _ = carry
         return (at <= steps) & ~jnp.all(done)
 
     def write(carry):
-        at, state, done, records = carry
-        (state, done), new = chunk(at, state, done)
-        records = jax.tree.map(
-            lambda all, some: jax.lax.dynamic_update_slice_in_dim(all, some, at, 1), records, new
+        at, state, done, record, seen = carry
+        state, done, new, positions = next_chunk(at, state, done)
+        record = jax.tree.map(
+            lambda whole, part: jax.lax.dynamic_update_slice_in_dim(whole, part, at, 1), record, new
         )
-        return at + CHUNK, state, done, records
+        if every > 1:
+            now = at + jnp.arange(chunk)
+            place = jnp.where((now % every == 0) & (now <= steps), now // every, seen.shape[1])
+            seen = seen.at[:, place].set(positions, mode="drop")
+        return at + chunk, state, done, record, seen
 
-    start = jnp.asarray(0), cases, jnp.zeros(len(cases.sheep), bool)
-    whole = (steps // CHUNK + 1) * CHUNK
+    start = jnp.asarray(0), starts, jnp.zeros(cases, bool)
+    whole = (steps // chunk + 1) * chunk
     blank = jax.tree.map(
-        lambda leaf: jnp.zeros((leaf.shape[0], whole, *leaf.shape[2:]), leaf.dtype),
-        jax.eval_shape(chunk, *start)[1],
+        lambda leaf: jnp.zeros((cases, whole, *leaf.shape[2:]), leaf.dtype),
+        jax.eval_shape(next_chunk, *start)[2],
     )
-    flown, _, _, records = jax.lax.while_loop(more, write, (*start, blank))
+    none = jnp.zeros((cases, steps // every + 1 if every > 1 else 0, sheep, 2))
+    flown, state, _, record, seen = jax.lax.while_loop(more, write, (*start, blank, none))
     # Who is done stands still: what was not flown is as the last instant that was.
     at = jnp.minimum(jnp.arange(steps + 1), jnp.maximum(flown - 1, 0))
-    records = jax.tree.map(lambda leaf: leaf[:, at], records)
-    return jax.vmap(mission.recorded, in_axes=(None, 0))(world, records)
+    record = jax.tree.map(lambda leaf: leaf[:, at], record)
+    trace = jax.vmap(mission.as_trace, in_axes=(None, 0, None))(world, record, steps)
+    if every == 1:
+        return trace
+    recorded = jnp.arange(0, steps + 1, every)
+    seen = jnp.where((recorded >= flown)[:, None, None], state.sheep[:, None], seen)
+    if steps % every:
+        recorded = jnp.append(recorded, steps)
+        seen = jnp.concatenate([seen, state.sheep[:, None]], axis=1)
+    recorded = jnp.broadcast_to(recorded, (cases, len(recorded)))
+    return replace(trace, sheep=seen, centre=trace.sheep[:, :, 0], recorded=recorded)

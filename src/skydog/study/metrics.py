@@ -7,41 +7,54 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from skydog.world import herding
-from skydog.world.mission import Trace
+from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Trace
 from skydog.world.vectors import norm
 
 STILL = 1e-6  # metres: a dog that moved less than this in a step has no heading
 
 
 def success(trace: Trace) -> Bool[Array, ""]:
-    """Whether the mission was accomplished: all sheep home and gathered (paper, Eq. 12)."""
-    return trace.accomplished[-1]
+    """Whether the mission was accomplished: all sheep home and gathered (paper, Eq. 12).
+
+    A mission that ended in any other way is a failure.
+    """
+    done = trace.accomplished[-1]
+    return done if trace.ending is None else done & (trace.ending.how == ACCOMPLISHED)
 
 
 def steps(trace: Trace) -> Int[Array, ""]:
-    """The step at which the mission was accomplished; else all the steps that it was given."""
-    return _first(trace.accomplished)
+    """The step at which the mission was accomplished; else all the steps that it was given.
+
+    So a mission that ended early, by a crash or because someone stopped it, is no record.
+    """
+    return jnp.where(success(trace), jnp.argmax(trace.accomplished), _given(trace))
 
 
 def steps_gcm(trace: Trace) -> Int[Array, ""]:
     """The step at which the flock's centre came within 𝔻 of the goal.
 
-    That is how the paper counts (Section "Evaluation Metrics", Number of steps). A trace
-    whose centre never arrives counts all its steps.
+    That is how the paper counts (Section "Evaluation Metrics", Number of steps). A mission
+    whose centre never arrives, or that ended otherwise than accomplished or out of time, counts
+    all the steps that it was given.
     """
     arena = trace.world.arena
-    return _first(norm(_centre(trace) - herding.goal(arena)) <= arena.goal_radius)
+    arrived = norm(_centre(trace) - herding.goal(arena)) <= arena.goal_radius
+    counts = jnp.any(arrived)
+    if trace.ending is not None:
+        counts = counts & (trace.ending.how <= OUT_OF_TIME)
+    return jnp.where(counts, jnp.argmax(arrived), _given(trace))
 
 
 def steps_ratio(trace: Trace) -> Float[Array, ""]:
     """`steps`, as a multiple of the fewest that any shepherd could need.
 
-    Those take the sheep that starts furthest out straight to the goal disc at its full speed.
-    At least one step, so that a mission which starts at home has a ratio.
+    Those take the sheep that starts furthest out straight to the goal disc at its full speed;
+    with a speed per sheep, the one that needs the longest. At least one step, so that a mission
+    which starts at home has a ratio.
     """
-    arena, flock = trace.world.arena, trace.world.flock
-    away = jnp.max(norm(trace.sheep[0] - herding.goal(arena))) - arena.goal_radius
-    return steps(trace) / jnp.maximum(jnp.ceil(away / (flock.speed * arena.dt)), 1.0)
+    arena, speed = trace.world.arena, trace.world.sheep.speed
+    away = norm(trace.sheep[0] - herding.goal(arena)) - arena.goal_radius
+    return steps(trace) / jnp.maximum(jnp.max(jnp.ceil(away / (speed * arena.dt))), 1.0)
 
 
 def distance(trace: Trace) -> Float[Array, ""]:
@@ -62,9 +75,9 @@ def cumulative_reward(trace: Trace) -> Float[Array, ""]:
 
 
 def error_per_step(trace: Trace) -> Float[Array, ""]:
-    """Metres between where a dog came in a step and where it was told to ("Error per step").
+    """Metres between where a dog came in a step and where it was to come ("Error per step").
 
-    It was told to: where it was, and its commanded velocity times the time of the step.
+    It was to come from where it was, at its commanded velocity, for the time of the step.
     """
     taken = jnp.diff(trace.time)[:, None, None]
     desired = trace.dogs[:-1] + trace.command[:-1] * taken
@@ -79,7 +92,8 @@ def dog_to_subgoal(trace: Trace) -> Float[Array, ""]:
 def centre_to_target(trace: Trace) -> Float[Array, ""]:
     """Metres a step by which the flock's centre came nearer to the goal ("Reduced distance")."""
     away = norm(_centre(trace) - herding.goal(trace.world.arena))
-    return (away[0] - away[-1]) / jnp.maximum(steps(trace), 1)
+    flown = jnp.where(success(trace), steps(trace), len(trace.time) - 1)
+    return (away[0] - away[-1]) / jnp.maximum(flown, 1)
 
 
 def turn(trace: Trace) -> Float[Array, ""]:
@@ -96,7 +110,7 @@ def turn(trace: Trace) -> Float[Array, ""]:
 
 
 def _centre(trace: Trace) -> Float[Array, "instants 2"]:
-    return jnp.mean(trace.sheep, axis=-2)
+    return jnp.mean(trace.sheep, axis=-2) if trace.centre is None else trace.centre
 
 
 def _flown(trace: Trace) -> Bool[Array, " steps"]:
@@ -110,5 +124,6 @@ def _mean_over_steps(trace: Trace, values: Float[Array, "steps dogs"]) -> Float[
     return total / jnp.maximum(jnp.sum(flown), 1)
 
 
-def _first(reached: Bool[Array, " instants"]) -> Int[Array, ""]:
-    return jnp.where(jnp.any(reached), jnp.argmax(reached), len(reached) - 1)
+def _given(trace: Trace) -> Int[Array, ""]:
+    """The steps that the mission was given: if the trace does not say, those that it has."""
+    return jnp.asarray(len(trace.time) - 1) if trace.ending is None else trace.ending.steps

@@ -9,7 +9,8 @@ import numpy as np
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import evaluate
 from skydog.study.cases import shipped
-from skydog.world import params
+from skydog.world.mission import MAX_STEPS, Fly
+from skydog.world.presets import preset
 
 ARENAS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0)  # metres
 
@@ -25,17 +26,19 @@ def unscaled(sheepdog: Sheepdog, arena: float) -> Sheepdog:
 
 
 def sweep(
+    fly: Fly,
     sheepdogs: list[Sheepdog],
-    carried: Callable[[Sheepdog, float], Sheepdog],
+    seen: Callable[[Sheepdog, float], Sheepdog],
     arenas: Iterable[float],
 ) -> dict[str, dict[str, Any]]:
     """Fly sheepdogs through the 30 cases in each arena; the row of figures of all, by arena."""
     rows = {}
     for arena in arenas:
-        world = params.preset("paper", arena)
+        world = preset("paper", arena)
         starts = shipped(world, "paper")
         flown = [
-            evaluate.measure(evaluate.fly(world, carried(dog, arena), starts)) for dog in sheepdogs
+            evaluate.measure(fly(world, seen(dog, arena), starts, MAX_STEPS, None))
+            for dog in sheepdogs
         ]
         together = {name: np.concatenate([one[name] for one in flown]) for name in flown[0]}
         rows[f"{arena:g}"] = evaluate.figures(together)

@@ -20,12 +20,12 @@ from matplotlib.patches import Circle
 from PIL import Image
 
 from skydog.errors import Refusal
-from skydog.study import metrics
+from skydog.view import ground as drawn
 from skydog.view.colours import ROLES, behaviour
 from skydog.view.figures import STYLE, extent, ground
 from skydog.world import herding
-from skydog.world.mission import Trace
 from skydog.world.params import World
+from skydog.world.trace import Trace, frames, last_instant, step_numbers
 
 PIXELS = 480  # the side of a mission's picture
 INCHES = 4.8  # that side as matplotlib has it: text and lines grow with the picture
@@ -45,13 +45,15 @@ Draw = Callable[
         Float[np.ndarray, "dogs 2"],
         Bool[np.ndarray, " dogs"],
         str,
+        int,
     ],
     Picture,
 ]
-"""Draws an instant: (sheep, dogs, subgoal, drives, title) -> picture.
+"""Draws an instant: (sheep, dogs, subgoal, drives, title, step) -> picture.
 
 `sheep` and `dogs` are all positions up to now in metres, the latest last, `subgoal` and `drives`
-what `herding.gate` gives now, and `title` stands at the top left.
+what `herding.gate` gives now; `title` stands at the top left, and the number of the step at the
+right.
 """
 
 
@@ -129,9 +131,9 @@ def stage(
         canvas.draw()
     empty = canvas.copy_from_bbox(figure.bbox)
 
-    def draw(sheep, dogs, subgoal, drives, title):
+    def draw(sheep, dogs, subgoal, drives, title, step):
         canvas.restore_region(empty)
-        move(sheep, dogs, subgoal, drives, title)
+        move(sheep, dogs, subgoal, drives, title, step)
         for artist in moving:
             artist.draw(canvas.get_renderer())
         return np.array(canvas.buffer_rgba())[..., :3].copy()
@@ -142,16 +144,18 @@ def stage(
 def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture]:
     """The missions side by side, at each of the instants; one that ended stands."""
     missions = []
-    for name, trace in traces.items():
+    for name, whole in traces.items():
+        trace = frames(whole)
         seen = [np.asarray(part) for part in (trace.sheep, trace.dogs, trace.subgoal, trace.drives)]
         limits = extent(trace.world, trace.dogs, trace.subgoal)
         draw = stage(trace.world, seen[0].shape[1], seen[1].shape[1], limits=limits)
-        missions.append((draw, int(metrics.steps(trace)), seen, name))
+        missions.append((draw, last_instant(trace), seen, name, step_numbers(trace)))
     for instant in instants:
         panels = []
-        for draw, end, (sheep, dogs, subgoal, drives), name in missions:
+        for draw, end, (sheep, dogs, subgoal, drives), name, steps in missions:
             now = min(instant, end)
-            panels.append(draw(sheep[: now + 1], dogs[: now + 1], subgoal[now], drives[now], name))
+            paths = sheep[: now + 1], dogs[: now + 1]
+            panels.append(draw(*paths, subgoal[now], drives[now], name, steps[now]))
         yield np.concatenate(panels, axis=1)
 
 
@@ -164,7 +168,7 @@ def _check_width(traces: dict[str, Trace], film: str) -> None:
 
 
 def _longest(traces: dict[str, Trace]) -> int:
-    return max(int(metrics.steps(trace)) for trace in traces.values())
+    return max(last_instant(frames(trace)) for trace in traces.values())
 
 
 def _scene(
@@ -173,9 +177,9 @@ def _scene(
     """What moves on a ground, from the back to the front, and what moves it to an instant."""
     name = axes.set_title("", loc="left", parse_math=False)
     clock = axes.set_title("", loc="right", bbox={"edgecolor": "none", "pad": 2})
-    spread = float(herding.gathered_radius(world.flock, sheep))
+    spread = float(herding.gathered_radius(world, sheep))
     gathered = Circle((0, 0), spread, fill=False, edgecolor="#444444", linestyle="--")
-    seen = float(world.flock.sensing)
+    seen = drawn.sensing(world) or 0.0
     sights = [Circle((0, 0), seen, alpha=0.08, color=ROLES["dog"]) for _ in range(dogs)]
     for circle in (gathered, *sights):
         axes.add_patch(circle)
@@ -187,7 +191,7 @@ def _scene(
     flock_now = _line(axes, marker="o", color=ROLES["sheep"], **dots)
     dogs_now = _line(axes, marker="D", color=ROLES["dog"], **dots)
 
-    def move(sheep, dogs, subgoal, drives, title: str) -> None:
+    def move(sheep, dogs, subgoal, drives, title: str, step: int) -> None:
         name.set_text(title)
         flock_now.set_data(*sheep[-1].T)
         dogs_now.set_data(*dogs[-1].T)
@@ -201,7 +205,7 @@ def _scene(
             way.set_color(behaviour(bool(drives[which])))
             sight.center = tuple(dogs[-1, which])
         together = bool(drives.all())
-        clock.set_text(f"{'driving' if together else 'collecting'}, step {len(sheep) - 1}")
+        clock.set_text(f"{'driving' if together else 'collecting'}, step {step}")
         clock.set_backgroundcolor(behaviour(together))
 
     order = [gathered, *sights, *trails, *flights, *ways, crosses, flock_now, dogs_now, name, clock]

@@ -83,6 +83,7 @@ function arena(canvas, root) {
 
   /** Where sheep see a dog: R_πβ about each, fainter the more there are. */
   function sensing(dogs) {
+    if (!world.sensing) return; // a law of one's own may have no such range
     const alpha = 0.08 / Math.sqrt(dogs.length);
     dogs.forEach((p) => { disc(p, world.sensing * zoom); fill("dog", alpha); });
   }

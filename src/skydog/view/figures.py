@@ -16,14 +16,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Rectangle
 
 from skydog import files
+from skydog.learning.train import Curve
 from skydog.study import metrics
 from skydog.view.colours import ROLES
 from skydog.world import herding
-from skydog.world.mission import Trace
 from skydog.world.params import World
-
-Curve = tuple[np.ndarray, np.ndarray]
-"""What one seed learnt: episodes, and the reward per action in the ten up to each of them."""
+from skydog.world.trace import Trace, ending, frames
 
 STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -116,7 +114,7 @@ def trajectories(traces: dict[str, Trace]) -> Figure:
         panels = figure.subplots(1, len(traces), squeeze=False, sharex=True, sharey=True)[0]
         for axes, (name, trace) in zip(panels, traces.items(), strict=True):
             ground(axes, trace.world)
-            _paths(axes, trace)
+            _paths(axes, frames(trace))
             turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
             axes.set_title(f"{name}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
         ends = [extent(trace.world, trace.dogs) for trace in traces.values()]
@@ -170,7 +168,8 @@ def extent(world: World, *paths: Float[Array, "*instants 2"]) -> tuple[float, fl
 def outcome(trace: Trace) -> str:
     """What came of a mission, in a line: its steps and the metres flown."""
     steps, distance = int(metrics.steps(trace)), float(metrics.distance(trace))
-    failed = "" if metrics.success(trace) else "not accomplished, "
+    how = ending(trace)
+    failed = {"accomplished": "", "out of time": "not accomplished, "}.get(how, f"{how}, ")
     return f"{failed}{steps} steps, {distance:.1f} m flown"
 
 

@@ -1,18 +1,14 @@
 """The live view: a flock to play with in the browser. Needs: pip install 'skydog[watch]'.
 
-A server on loopback computes, a page draws, and each page has a `game` of its own.
+A server on loopback computes, a page draws, and each page has a `session` of its own.
 """
 
 import asyncio
-import errno
 import json
 import logging
-import secrets
-import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from ipaddress import ip_address
 from typing import Any
 from weakref import WeakSet
 
@@ -21,17 +17,18 @@ import jax
 from skydog.errors import Refusal
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
-from skydog.view.game import HOVER, SPEEDS, Game, Settings, new, shown, told, turn, with_preset
-from skydog.view.orders import LONGEST_ARENA, MOST_DOGS, MOST_SHEEP, parsed, short
-from skydog.view.page import filled
-from skydog.world import params
+from skydog.view import session as sessions
+from skydog.view.access import Access, address_of, no_address
+from skydog.view.messages import LONGEST_ARENA, MOST_DOGS, MOST_SHEEP, parse, short
+from skydog.view.session import HOVER, SPEEDS, Session, Settings, Worlds
 from skydog.world.mission import Shepherd
+from skydog.world.presets import PRESETS, make
 
 TICK = 1 / 60  # seconds between frames, at least
-HICCUP = 0.1  # seconds that a game makes up for at most, after a pause of the machine
+HICCUP = 0.1  # seconds that a session makes up for at most, after a pause of the machine
 AHEAD = 3  # frames sent and not yet drawn, at most: a slow page gets fewer, and the latest
-RATE = 500  # orders a second that are listened to
-PENDING = 64  # orders that a game is behind its page, at most
+RATE = 500  # messages per second that are read
+PENDING = 64  # messages that a session is behind its page, at most
 LARGEST = 1 << 16  # bytes of a message; beyond it the connection is closed
 COMPILED = 100  # kinds of worlds whose compiled code is kept
 
@@ -40,7 +37,7 @@ log = logging.getLogger("skydog.live")
 log.addFilter(lambda record: record.msg != "opening handshake failed")
 
 
-def roster(chosen: str) -> dict[str, Shepherd]:
+def policies(chosen: str) -> dict[str, Shepherd]:
     """The shepherds to choose from: the rule dogs, all that ship, and the chosen one, first.
 
     `chosen` is a name among them, or a sheepdog's file or run folder. Raises `Refusal` as
@@ -49,11 +46,6 @@ def roster(chosen: str) -> dict[str, Shepherd]:
     rules = {"strombom": Strombom(), "strombom-arrive": Strombom(at_point="arrive")}
     first = {chosen: rules[chosen] if chosen in rules else store.load(chosen)}
     return first | rules | {name: store.load(name) for name in store.ships()} | first
-
-
-def page(nonce: str) -> str:
-    """The page, whose scripts run under a policy that names `nonce`."""
-    return filled("live.html", nonce=nonce)
 
 
 def serve(
@@ -66,20 +58,22 @@ def serve(
     host: str = "127.0.0.1",
     port: int = 8020,
     ready: Callable[[str], None] = print,
+    worlds: Worlds = PRESETS,
 ) -> None:
     """Serve the live view until Ctrl-C. `ready` hears its address as soon as it listens.
 
-    Pages choose among `shepherds` by name, and begin with the `chosen` one. A port of 0 is any
+    Pages choose among `shepherds` and `worlds` by name, and begin with the `chosen` shepherd and the
+    `preset`. A port of 0 is any
     that is free. Raises `Refusal` for a world that cannot be, and for an address that cannot
     be listened at.
     """
 
     async def run() -> None:
-        async with listening(shepherds, begin, host, port) as url:
+        async with listening(shepherds, begin, host, port, worlds) as url:
             ready(url)
             await asyncio.Event().wait()
 
-    begin = opening(shepherds, chosen, preset, arena, sheep, dogs)
+    begin = opening(shepherds, chosen, preset, arena, sheep, dogs, worlds)
     with suppress(KeyboardInterrupt):
         asyncio.run(run())
 
@@ -91,6 +85,7 @@ def opening(
     arena: float | None = None,
     sheep: int = 3,
     dogs: int = 1,
+    worlds: Worlds = PRESETS,
 ) -> Settings:
     """What a page begins with. Raises `Refusal` for what the live view does not show."""
     if chosen not in shepherds:
@@ -99,16 +94,23 @@ def opening(
         raise Refusal(f"the live view has 1 to {MOST_SHEEP} sheep, got {sheep}; try --sheep 60")
     if not 1 <= dogs <= MOST_DOGS:
         raise Refusal(f"the live view has 1 to {MOST_DOGS} dogs, got {dogs}; try --dogs 3")
-    params.preset(preset, None if arena is None else float(arena), sheep=sheep if arena else 1)
+    if preset not in worlds:
+        raise Refusal(f"no preset is called {preset!r}; choose from {', '.join(worlds)}")
+    if arena is not None:
+        make(worlds[preset], float(arena), sheep)
     if arena is not None and arena > LONGEST_ARENA:
         raise Refusal(f"arena must be at most {LONGEST_ARENA:g} m, got {arena}; try --arena 20")
-    begin = with_preset(Settings(policy=chosen), preset)
+    begin = sessions.with_preset(Settings(policy=chosen, sheep=sheep), preset, worlds)
     return replace(begin, arena=None if arena is None else float(arena), sheep=sheep, dogs=dogs)
 
 
 @asynccontextmanager
 async def listening(
-    shepherds: dict[str, Shepherd], begin: Settings, host: str, port: int
+    shepherds: dict[str, Shepherd],
+    begin: Settings,
+    host: str,
+    port: int,
+    worlds: Worlds = PRESETS,
 ) -> AsyncIterator[str]:
     """The live view's server, as long as the context lasts; gives the address of its page.
 
@@ -122,7 +124,7 @@ async def listening(
         raise Refusal("the live view needs websockets; run: pip install 'skydog[watch]'") from None
     if not 0 <= port <= 65535:
         raise Refusal(f"a port is 1 to 65535, got {port}; try --port 8020")
-    gate = Gate(host, _address(host, port))
+    access = Access(host, address_of(host, port))
 
     class Link(ServerConnection):
         def connection_made(self, transport: Any) -> None:
@@ -130,14 +132,14 @@ async def listening(
             links.add(self)
 
     links: WeakSet[Link] = WeakSet()
-    table = Table(shepherds, begin)
+    pages = Pages(shepherds, begin, worlds)
     try:
         server = await serving(
-            table.play,
-            gate.address,
+            pages.serve,
+            access.address,
             port,
             create_connection=Link,
-            process_request=gate.answer,
+            process_request=access.answer,
             compression=None,
             max_size=LARGEST,
             max_queue=8,
@@ -145,11 +147,11 @@ async def listening(
             logger=log,
         )
     except OSError as error:
-        raise _no_address(host, port, error) from error
+        raise no_address(host, port, error) from error
     async with server:
-        gate.port = next(iter(server.sockets)).getsockname()[1]
+        access.port = next(iter(server.sockets)).getsockname()[1]
         try:
-            yield gate.url
+            yield access.url
         finally:
             # Whoever is just being let in is let in first, to be cut like the others: else Python
             # 3.13 complains of a connection that nobody closed.
@@ -163,102 +165,49 @@ async def listening(
 
 
 @dataclass
-class Gate:
-    """Who comes in: browsers that asked for this host by name, and pages that came from here.
-
-    A foreign page, even one whose name was made to lead here (DNS rebinding), stays outside.
-    """
-
-    host: str  # as the user called it
-    address: str  # where that is: 127.1, say, is 127.0.0.1, and browsers write it so
-    port: int = 0  # known once the server listens
-
-    @property
-    def url(self) -> str:
-        """The address of the page."""
-        return f"http://{_bracketed(self.address)}:{self.port}/"
-
-    def answer(self, connection: Any, request: Any) -> Any:
-        """The response to a request, or None for one that may open the socket."""
-        # Of a header given twice, which no browser does, none counts.
-        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
-        if len(hosts) != 1 or hosts[0] not in self.names():
-            return connection.respond(403, f"ask for {self.url}\n")
-        path = request.path.partition("?")[0]
-        if path == "/live":
-            home = [[f"http://{name}"] for name in self.names()]
-            if origins in [[], *home]:
-                return None
-            return connection.respond(403, "this page is not from here\n")
-        if path != "/":
-            return connection.respond(404, "the live view is at /\n")
-        response = connection.respond(200, page(nonce := secrets.token_urlsafe(16)))
-        del response.headers["Content-Type"]
-        response.headers.update(
-            {
-                "Content-Type": "text/html; charset=utf-8",
-                "Content-Security-Policy": "default-src 'none'; img-src data:; "
-                f"style-src 'unsafe-inline'; script-src 'nonce-{nonce}'; connect-src 'self'; "
-                "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-                "Cache-Control": "no-store",
-                "Cross-Origin-Opener-Policy": "same-origin",
-                "Referrer-Policy": "no-referrer",
-                "X-Content-Type-Options": "nosniff",
-            }
-        )
-        return response
-
-    def names(self) -> set[str]:
-        """The ways of writing this server's address in a `Host` header."""
-        loopback = {"127.0.0.1", "localhost", "[::1]"}
-        own = {_bracketed(self.host.lower()), _bracketed(self.address)}
-        hosts = own | loopback if own & loopback else own
-        return {f"{host}:{self.port}" for host in hosts} | (hosts if self.port == 80 else set())
-
-
-@dataclass
 class Inbox:
-    """What a page has said and its game has not heard yet."""
+    """The messages of a page that its session has not read yet."""
 
-    orders: list[dict[str, Any]] = field(default_factory=list)
+    messages: list[dict[str, Any]] = field(default_factory=list)
     error: str | None = None  # the latest
     seen: int = 0  # the latest frame that the page has drawn
-    bell: asyncio.Event = field(default_factory=asyncio.Event)
+    arrived: asyncio.Event = field(default_factory=asyncio.Event)
 
-    async def news(self) -> None:
+    async def wait(self) -> None:
         """Wait until the page says something."""
-        await self.bell.wait()
-        self.bell.clear()
+        await self.arrived.wait()
+        self.arrived.clear()
 
-    def put(self, order: dict[str, Any]) -> None:
-        """Keep an order for the game; of the moves of a hand in a row, the latest.
+    def put(self, message: dict[str, Any]) -> None:
+        """Keep a message for the session; of the moves of a pointer in a row, the latest.
 
-        Raises `Refusal` if too many wait: what a page has seen must be read on, or the game,
+        Raises `Refusal` if too many wait: what a page has seen must be read on, or the session,
         which waits for that, would never take them.
         """
-        if self.orders and _moves(order) and _moves(self.orders[-1]) == _moves(order):
-            self.orders.pop()
-        if len(self.orders) >= PENDING:
-            raise Refusal(f"{PENDING} orders wait already; send fewer between two frames")
-        self.orders += [order] if order else []
+        if self.messages and _moves(message) and _moves(self.messages[-1]) == _moves(message):
+            self.messages.pop()
+        if len(self.messages) >= PENDING:
+            raise Refusal(f"{PENDING} messages wait already; send fewer between two frames")
+        self.messages += [message] if message else []
 
     def take(self) -> list[dict[str, Any]]:
-        """The orders, in their order, which are then no longer here."""
-        orders, self.orders = self.orders, []
-        return orders
+        """The messages, the first one first, which are then no longer here."""
+        messages, self.messages = self.messages, []
+        return messages
 
 
-class Table:
-    """Where games are played: what all pages of a server share."""
+class Pages:
+    """What all pages of a server share."""
 
-    def __init__(self, shepherds: dict[str, Shepherd], begin: Settings):
+    def __init__(self, shepherds: dict[str, Shepherd], begin: Settings, worlds: Worlds):
         self.shepherds = shepherds
+        self.worlds = worlds
         self.begin = begin
         self.compiled: set[tuple[Any, ...]] = set()
-        self.compiling = asyncio.Semaphore(1)  # so that turns of other pages find a core
+        self.compiling = asyncio.Semaphore(1)  # so that other pages find a core
 
-    async def play(self, socket: Any) -> None:
-        """The game of one page, from its coming to its going."""
+    async def serve(self, socket: Any) -> None:
+        """The session of one page, from its coming to its going."""
         from websockets.exceptions import ConnectionClosed
 
         inbox = Inbox()
@@ -277,54 +226,54 @@ class Table:
     async def _listen(self, socket: Any, inbox: Inbox) -> None:
         async for message in socket:
             try:
-                order = parsed(message, list(self.shepherds))
-                inbox.seen = max(inbox.seen, order.pop("seen", 0))
-                inbox.put(order)
+                said = parse(message, list(self.shepherds), list(self.worlds))
+                inbox.seen = max(inbox.seen, said.pop("seen", 0))
+                inbox.put(said)
             except Refusal as refusal:
                 inbox.error = str(refusal)
-            inbox.bell.set()
-            # One page's flood of orders takes no time from the others.
+            inbox.arrived.set()
+            # One page's flood of messages takes no time from the others.
             await asyncio.sleep(1 / RATE)
 
     async def _show(self, socket: Any, inbox: Inbox) -> None:
-        game = new(self.begin)
+        session = sessions.new(self.begin, self.worlds)
         clock = asyncio.get_running_loop().time
         sent, owed, before, due = 0, 0.0, clock(), clock()
         known: dict[str, Any] = {}  # what the page need not be told again
         await socket.send(json.dumps({"hello": self._hello()}))
         while True:
             while not inbox.error and (
-                sent - inbox.seen >= AHEAD or (game.rests and not inbox.orders)
+                sent - inbox.seen >= AHEAD or (session.rests and not inbox.messages)
             ):
-                await inbox.news()
+                await inbox.wait()
             await asyncio.sleep(max(0.0, due - clock()))
             now = clock()
             elapsed, before = min(now - before, HICCUP), now
             due = max(due, now - TICK) + TICK
-            orders = inbox.take()
-            good = game
-            for order in orders:
+            messages = inbox.take()
+            good = session
+            for message in messages:
                 try:
-                    game = told(game, order)
+                    session = sessions.update(session, message)
                 except Refusal as refusal:
                     inbox.error = str(refusal)
                 await asyncio.sleep(0)
             if inbox.error:
                 error, inbox.error = inbox.error, None
                 await socket.send(json.dumps({"error": error}))
-            rate = game.settings.speed / float(game.world.arena.dt)
-            owed = 0.0 if game.rests else owed + elapsed * rate
+            rate = session.settings.speed / float(session.world.arena.dt)
+            owed = 0.0 if session.rests else owed + elapsed * rate
             steps, owed = int(owed), owed % 1.0
-            if orders or steps or not game.flights:
+            if messages or steps or not session.flights:
                 try:
-                    game, frame = await self._turned(game, steps)
+                    session, frame = await self._advance(session, steps)
                 except Exception as error:  # a shepherd may be anybody's
                     if not good.flights:
                         raise
-                    log.exception("%s failed", game.settings.policy)
-                    inbox.error = f"{game.settings.policy} failed: {short(str(error))}"
-                    game = replace(good, settings=replace(good.settings, paused=True))
-                    inbox.orders.insert(0, {"paused": True})  # so that the page hears of it
+                    log.exception("%s failed", session.settings.policy)
+                    inbox.error = f"{session.settings.policy} failed: {short(str(error))}"
+                    session = replace(good, settings=replace(good.settings, paused=True))
+                    inbox.messages.insert(0, {"paused": True})  # so that the page hears of it
                     continue
                 sent += 1
                 fresh = {
@@ -335,25 +284,25 @@ class Table:
                 known = frame
                 await socket.send(json.dumps({"frame": sent, **fresh}, separators=(",", ":")))
 
-    async def _turned(self, game: Game, steps: int) -> tuple[Game, dict[str, Any]]:
-        known = game.kind in self.compiled
+    async def _advance(self, session: Session, steps: int) -> tuple[Session, dict[str, Any]]:
+        known = session.kind in self.compiled
         if not known and len(self.compiled) >= COMPILED:
             jax.clear_caches()
             self.compiled.clear()
         async with nullcontext() if known else self.compiling:
-            turned = await asyncio.to_thread(self._turn, game, steps)
-        self.compiled.add(game.kind)
-        return turned
+            advanced = await asyncio.to_thread(self._advance_now, session, steps)
+        self.compiled.add(session.kind)
+        return advanced
 
-    def _turn(self, game: Game, steps: int) -> tuple[Game, dict[str, Any]]:
-        game = turn(game, self.shepherds, steps)
-        return game, shown(game)
+    def _advance_now(self, session: Session, steps: int) -> tuple[Session, dict[str, Any]]:
+        session = sessions.advance(session, self.shepherds, steps)
+        return session, sessions.view(session)
 
     def _hello(self) -> dict[str, Any]:
         return {
             "policies": list(self.shepherds),
             "presets": {
-                name: (make.__doc__ or "").splitlines()[0] for name, make in params.PRESETS.items()
+                name: (maker.__doc__ or name).splitlines()[0] for name, maker in self.worlds.items()
             },
             "speeds": SPEEDS,
             "sheep": MOST_SHEEP,
@@ -361,39 +310,10 @@ class Table:
         }
 
 
-def _moves(order: dict[str, Any]) -> str | None:
-    """What an order moves, `hold` or `fly`, if that is all it does and it lets nothing go."""
-    if len(order) != 1:
+def _moves(message: dict[str, Any]) -> str | None:
+    """What a message moves, `hold` or `fly`, if that is all it does and it lets nothing go."""
+    if len(message) != 1:
         return None
-    ((name, value),) = order.items()
+    ((name, value),) = message.items()
     lets_go = value is None or value[0] == HOVER if name in ("hold", "fly") else True
     return None if lets_go else name
-
-
-def _bracketed(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
-
-
-def _address(host: str, port: int) -> str:
-    """Where a host is. Raises `Refusal` if that is nowhere, or everywhere."""
-    try:
-        found = [str(each[4][0]) for each in socket.getaddrinfo(host or "0.0.0.0", port)]
-    except OSError as error:
-        raise _no_address(host, port, error) from error
-    except UnicodeError:
-        raise Refusal(f"{short(host)} is no name of a host; try --host 127.0.0.1") from None
-    if host == "*" or any(ip_address(address).is_unspecified for address in found):
-        raise Refusal(
-            f"host must be one address, since pages from elsewhere are turned away, got {host!r}; "
-            "try --host 127.0.0.1"
-        )
-    return found[0]
-
-
-def _no_address(host: str, port: int, error: OSError) -> Refusal:
-    if error.errno == errno.EADDRINUSE:
-        other = port + 1 if port < 65535 else 8020
-        return Refusal(f"port {port} is taken; try --port {other}")
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return Refusal(f"port {port} needs more rights than you have; try --port 8020")
-    return Refusal(f"this machine has no address {host!r}; try --host 127.0.0.1")

@@ -8,10 +8,17 @@ from skydog.view.colours import ROLES
 
 def filled(name: str, **values: str) -> str:
     """A page's template by its file name, with the common parts and `values` filled in."""
-
-    def read(part: str) -> str:
-        return resources.files("skydog.view").joinpath(part).read_text("utf-8")
-
     colours = " ".join(f"--{role}: {colour};" for role, colour in ROLES.items())
-    key, arena = read("key.html").rstrip(), read("arena.js")
-    return fill(read(name), colours=colours, key=key, arena=arena, **values)
+    common = {"colours": colours, "key": read("key.html").rstrip(), "arena": read("arena.js")}
+    return fill(read(name), **common, **values)
+
+
+def read(name: str) -> str:
+    """A part of a page, by its file name."""
+    return resources.files("skydog.view").joinpath(name).read_text("utf-8")
+
+
+def live_page(nonce: str) -> str:
+    """The page of the live view, whose scripts run under a policy that names `nonce`."""
+    parts = {"style": filled("live.css"), "live": read("live.js"), "controls": read("controls.js")}
+    return filled("live.html", nonce=nonce, **parts)

@@ -8,13 +8,13 @@ import numpy as np
 
 from skydog import files
 from skydog.errors import Refusal
-from skydog.study import metrics
 from skydog.study.report import document
+from skydog.view import ground
 from skydog.view.animation import gif, mp4
 from skydog.view.figures import extent
+from skydog.view.ground import rounded
 from skydog.view.page import filled
-from skydog.world import herding
-from skydog.world.mission import Trace
+from skydog.world.trace import Trace, ending, frames, last_instant, step_numbers
 
 
 def save(path: Path, traces: dict[str, Trace]) -> None:
@@ -49,28 +49,25 @@ def player(traces: dict[str, Trace]) -> str:
     return filled("replay.html", missions=data.replace("<", "\\u003c"))
 
 
-def _mission(name: str, trace: Trace) -> dict[str, Any]:
+def _mission(name: str, whole: Trace) -> dict[str, Any]:
     """What the page draws: metres and seconds, up to the instant that accomplished it."""
-    until = int(metrics.steps(trace)) + 1
+    # Metres flown at every instant, also where the sheep were not recorded.
+    flown = np.linalg.norm(np.diff(whole.dogs, axis=0, prepend=whole.dogs[:1]), axis=-1)
+    flown = np.cumsum(flown.sum(axis=1))
+    trace = frames(whole)
+    until = last_instant(trace) + 1
+    recorded = slice(None) if whole.recorded is None else np.asarray(whole.recorded)
     sheep, dogs, subgoal = (np.asarray(a)[:until] for a in (trace.sheep, trace.dogs, trace.subgoal))
-    flights = np.linalg.norm(np.diff(dogs, axis=0, prepend=dogs[:1]), axis=-1).sum(axis=1)
     return {
         "name": name,
-        "size": _rounded(trace.world.arena.size),
-        "goal": _rounded(herding.goal(trace.world.arena)),
-        "radius": _rounded(trace.world.arena.goal_radius),
-        "sensing": _rounded(trace.world.flock.sensing),
-        "gathered": _rounded(herding.gathered_radius(trace.world.flock, sheep.shape[1])),
-        "extent": _rounded(extent(trace.world, trace.dogs, trace.subgoal)),
-        "accomplished": bool(metrics.success(trace)),
-        "time": _rounded(trace.time[:until]),
-        "flown": _rounded(np.cumsum(flights)),
-        "sheep": _rounded(sheep),
-        "dogs": _rounded(dogs),
-        "subgoal": _rounded(subgoal),
+        **ground.numbers(trace.world, sheep.shape[1]),
+        "extent": rounded(extent(trace.world, trace.dogs, trace.subgoal)),
+        "ending": ending(whole),
+        "time": rounded(trace.time[:until]),
+        "step": step_numbers(trace)[:until].tolist(),
+        "flown": rounded(flown[recorded][:until]),
+        "sheep": rounded(sheep),
+        "dogs": rounded(dogs),
+        "subgoal": rounded(subgoal),
         "drives": np.asarray(trace.drives)[:until].tolist(),
     }
-
-
-def _rounded(values: Any) -> Any:
-    return np.round(np.asarray(values, np.float64), 3).tolist()

@@ -12,7 +12,8 @@ SPARSE = 4  # at most so many cells a sheep: a few far strays must not cost a va
 def _pushes(sheep, radius):
     """For each of `sheep` (float32, N by 2) the sum of unit vectors away from those near it.
 
-    The sheep are sorted into square cells at least as wide as `radius`; those near a sheep lie
+    Near a sheep are those within its own `radius` (float32, N). The sheep are sorted into square
+    cells at least as wide as the greatest radius, so that those near a sheep lie
     in its own cell and the eight around it. Every neighbour is looked at, however many share a
     cell. The same for any number of threads.
     """
@@ -20,7 +21,9 @@ def _pushes(sheep, radius):
     low_x, low_y = sheep[:, 0].min(), sheep[:, 1].min()
     wide, high = sheep[:, 0].max() - low_x, sheep[:, 1].max() - low_y
     # Wide enough too that the grid has no more cells than SPARSE a sheep in each direction.
-    width = max(radius, math.sqrt(wide * high / (SPARSE * count)), (wide + high) / (SPARSE * count))
+    width = max(
+        radius.max(), math.sqrt(wide * high / (SPARSE * count)), (wide + high) / (SPARSE * count)
+    )
     width = max(width, np.float32(1e-30))
     columns, rows = int(wide / width) + 1, int(high / width) + 1
 
@@ -44,6 +47,7 @@ def _pushes(sheep, radius):
     pushed = np.zeros((count, 2), np.float32)
     for k in numba.prange(count):
         i = order[k]
+        reach = radius[i]
         row, column = divmod(cell[i], columns)
         left, right = max(column - 1, 0), min(column + 1, columns - 1)
         push_x = push_y = np.float32(0.0)
@@ -52,7 +56,7 @@ def _pushes(sheep, radius):
             for j in range(first[beside * columns + left], first[beside * columns + right + 1]):
                 away_x, away_y = x[k] - x[j], y[k] - y[j]
                 apart = np.sqrt(away_x * away_x + away_y * away_y)
-                if np.float32(0.0) < apart <= radius:
+                if np.float32(0.0) < apart <= reach:
                     push_x += away_x / apart
                     push_y += away_y / apart
         pushed[i, 0], pushed[i, 1] = push_x, push_y

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from skydog.world.params import Arena, Flock, World
-from skydog.world.vectors import Scalar, norm, unit
+from skydog.world.params import Arena, World
+from skydog.world.vectors import Scalar, norm
 
 COLLECT, DRIVE = 0, 1  # the behaviours, as a trace records them
 
@@ -20,9 +20,9 @@ def gcm(sheep: Float[Array, "sheep 2"]) -> Float[Array, "2"]:
     return jnp.mean(sheep, axis=0)
 
 
-def gathered_radius(flock: Flock, sheep: int) -> Scalar:
+def gathered_radius(world: World, sheep: int) -> Scalar:
     """f(N), in metres: the radius of the circle that a gathered flock fits in (paper, Eq. 7)."""
-    return flock.spread * sheep ** (2 / 3)
+    return world.spread.radius(sheep)
 
 
 def goal(arena: Arena) -> Float[Array, "2"]:
@@ -30,22 +30,22 @@ def goal(arena: Arena) -> Float[Array, "2"]:
     return jnp.stack([jnp.asarray(arena.goal_x), jnp.asarray(arena.goal_y)]).astype(jnp.float32)
 
 
-def gathered(flock: Flock, sheep: Float[Array, "sheep 2"]) -> Bool[Array, ""]:
+def gathered(world: World, sheep: Float[Array, "sheep 2"]) -> Bool[Array, ""]:
     """Whether every sheep is within f(N) of the flock's centre."""
-    return jnp.max(norm(sheep - gcm(sheep))) <= gathered_radius(flock, len(sheep))
+    return jnp.max(norm(sheep - gcm(sheep))) <= gathered_radius(world, len(sheep))
 
 
 def driving_points(
     world: World, sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]
 ) -> Float[Array, "dogs 2"]:
-    """P_σ1 for each dog: R_ππ √N behind the flock's centre, seen from the goal.
+    """P_σ1 for each dog: R_ππ √N behind the flock's centre, on its way home.
 
     Several dogs spread on an arc around that point, and take its places in the order in
     which they stand around the flock, so that none flies through another's.
     """
     count = len(dogs)
     centre = gcm(sheep)
-    behind = unit(centre - goal(world.arena))
+    behind = -world.home.way(world, sheep).drive
     offset = world.dog.driving * jnp.sqrt(float(len(sheep)))
     if count == 1:
         return jnp.broadcast_to(centre + offset * behind, dogs.shape)
@@ -60,28 +60,27 @@ def driving_points(
 def collecting_points(
     world: World, sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]
 ) -> tuple[Float[Array, "dogs 2"], Bool[Array, " dogs"]]:
-    """P_σ2 for each dog: R_ππ behind its stray, seen from the flock's centre.
+    """P_σ2 for each dog: R_ππ behind its stray, seen from whither that is to be pushed.
 
-    The stray furthest out goes to the dog nearest to its point, the next to the nearest of
-    the others, and so on. Also tells which dogs have a stray: a sheep outside f(N), or, for
-    the first choice, the furthest sheep wherever it is.
+    The sheep that strays furthest goes to the dog nearest to its point, the next to the nearest
+    of the others, and so on. Also tells which dogs have a stray: a sheep that strays further
+    than f(N), or, for the first choice, the furthest sheep wherever it is.
     """
-    centre = gcm(sheep)
-    distance = norm(sheep - centre)
-    points = sheep + world.dog.collecting * unit(sheep - centre)
+    way = world.home.way(world, sheep)
+    points = sheep - world.dog.collecting * way.push
     if len(dogs) == 1:
-        stray = jnp.argmax(distance)
+        stray = jnp.argmax(way.stray)
         return points[stray][None], jnp.ones(1, bool)
 
     def hand_out(carry, rank):
         target, busy = carry
         point = points[furthest[rank]]
-        outside = (rank == 0) | (strays[rank] > gathered_radius(world.flock, len(sheep)))
+        outside = (rank == 0) | (strays[rank] > gathered_radius(world, len(sheep)))
         away = jnp.where(busy, jnp.inf, norm(dogs - point))
         chosen = (jnp.arange(len(dogs)) == jnp.argmin(away)) & outside
         return (jnp.where(chosen[:, None], point, target), busy | chosen), None
 
-    strays, furthest = jax.lax.top_k(distance, min(len(dogs), len(sheep)))
+    strays, furthest = jax.lax.top_k(way.stray, min(len(dogs), len(sheep)))
     nobody = (dogs, jnp.zeros(len(dogs), bool))
     (target, busy), _ = jax.lax.scan(hand_out, nobody, jnp.arange(len(strays)))
     return target, busy
@@ -93,12 +92,14 @@ def gate(
     """The subgoal of each dog, and whether it drives (else it collects).
 
     Scattered flocks are collected and gathered ones driven (Strömbom 2014; paper, "Problem
-    Formulation"); a dog that finds no stray left for it takes its place behind the flock.
-    Subgoals stay within the airspace, since a point beyond it could never be reached.
+    Formulation"): gathered, if no sheep strays further than f(N) from the way home. A dog that
+    finds no stray left for it takes its place behind the flock. Subgoals stay within the
+    airspace, since a point beyond it could never be reached.
     """
     driving = driving_points(world, sheep, dogs)
     collecting, has_stray = collecting_points(world, sheep, dogs)
-    drives = gathered(world.flock, sheep) | ~has_stray
+    furthest = jnp.max(world.home.way(world, sheep).stray)
+    drives = (furthest <= gathered_radius(world, len(sheep))) | ~has_stray
     subgoal = jnp.where(drives[:, None], driving, collecting)
     return within_airspace(world, subgoal), drives
 

@@ -1,69 +1,53 @@
-"""A mission: state, start, one step, its end, and a whole rollout as a trace (Eqs 10 to 13)."""
+"""A mission: start, decide, step, and a whole rollout as a trace (paper, Eqs 10 to 13)."""
 
-import math
 from collections.abc import Callable
 from functools import wraps
 from operator import index
-from typing import Any
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skydog.errors import Refusal
-from skydog.world import flock, herding
+from skydog.world import herding
 from skydog.world.params import Dog, World
-from skydog.world.vectors import limit, norm, unit
+from skydog.world.state import State, start
+from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Ending, Trace
+from skydog.world.vectors import column
 
 MAX_STEPS = 1000  # paper, "Deep neural network structure": the longest episode
-
-
-class State(eqx.Module):
-    """Where everyone is. Metres; the force is dimensionless."""
-
-    sheep: Float[Array, "*batch sheep 2"]
-    dogs: Float[Array, "*batch dogs 2"]
-    force: Float[Array, "*batch sheep 2"]  # what moved the sheep in the step before
-
 
 Shepherd = Callable[[World, State], Float[Array, "dogs 2"]]
 """Anything that steers dogs: their velocities in m/s, from what they see."""
 
 
-class Trace(eqx.Module):
-    """Everything a mission recorded, instant by instant; the last instant commands nothing.
+class Fly(Protocol):
+    """Whatever flies missions: the kinematic world, a physics simulation, a laboratory."""
 
-    After the mission is accomplished the world stands still, so that missions of different
-    lengths share one shape. Metres, seconds, m/s.
-    """
+    def __call__(
+        self,
+        world: World,
+        shepherd: Shepherd,
+        starts: State,
+        steps: int = MAX_STEPS,
+        key: PRNGKeyArray | None = None,
+        /,
+    ) -> Trace:
+        """One mission per start, of at most `steps` steps: a trace, cases along its first axis.
 
-    world: World
-    time: Float[Array, "*batch instants"]
-    sheep: Float[Array, "*batch instants sheep 2"]
-    dogs: Float[Array, "*batch instants dogs 2"]
-    subgoal: Float[Array, "*batch instants dogs 2"]
-    drives: Bool[Array, "*batch instants dogs"]  # the behaviour: driving, else collecting
-    # What the shepherd asked for, within the limits of the dog.
-    command: Float[Array, "*batch instants dogs 2"]
-    accomplished: Bool[Array, "*batch instants"]
+        `key` draws the noise that the world asks for; None flies without any.
+        """
+        ...
 
 
-def start(sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]) -> State:
-    """The state in which nobody has moved yet. Positions in metres.
+class Decision(eqx.Module):
+    """Everything that is decided in an instant. Metres, m/s; the force is dimensionless."""
 
-    Raises `Refusal` for a position that is not finite, unless it is being traced.
-    """
-    for who, positions in (("sheep", sheep), ("dogs", dogs)):
-        if isinstance(positions, Tracer):
-            continue
-        for number, position in enumerate(positions.tolist()):
-            if not all(map(math.isfinite, position)):
-                raise Refusal(
-                    f"position {number} of the {who} is {position}; give finite numbers in metres"
-                )
-    return State(sheep=sheep, dogs=dogs, force=jnp.zeros_like(sheep))
+    velocity: Float[Array, "dogs 2"]  # of the dogs, within their limits
+    force: Float[Array, "sheep 2"]  # on the sheep, by the flock's law
+    subgoal: Float[Array, "dogs 2"]
+    drives: Bool[Array, " dogs"]  # the behaviour: driving, else collecting
 
 
 def reset(world: World, key: PRNGKeyArray, sheep: int = 3, dogs: int = 1) -> State:
@@ -81,24 +65,62 @@ def reset(world: World, key: PRNGKeyArray, sheep: int = 3, dogs: int = 1) -> Sta
 
 
 def fastest(dog: Dog, direction: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"]:
-    """The velocity in m/s of a dog that flies in a direction as fast as its limit allows."""
-    if dog.per_axis:
-        longest = jnp.max(jnp.abs(direction), axis=-1, keepdims=True)
-        return dog.speed * direction / jnp.where(longest == 0.0, 1.0, longest)
-    return dog.speed * unit(direction)
+    """The velocity in m/s of a dog that flies in a direction as fast as its limits allow."""
+    return dog.limits.fastest(direction, dog.speed)
 
 
 def limited(dog: Dog, velocity: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"]:
-    """The velocity in m/s that a dog flies when told to fly `velocity`.
+    """The velocity in m/s that a dog flies when `velocity` is commanded.
 
-    Each component, or the speed, is limited as `dog.per_axis` says; a dog hovers on a
-    command that is not a number.
+    `dog.limits` limits it; a dog hovers on a command that is not a number.
     """
     finite = jnp.all(jnp.isfinite(velocity), axis=-1, keepdims=True)
-    velocity = jnp.where(finite, velocity, 0.0)
-    if dog.per_axis:
-        return jnp.clip(velocity, -dog.speed, dog.speed)
-    return limit(velocity, dog.speed)
+    return dog.limits.limit(jnp.where(finite, velocity, 0.0), dog.speed)
+
+
+def decide(
+    world: World,
+    shepherd: Shepherd,
+    state: State,
+    seen: State | None = None,
+    key: PRNGKeyArray | None = None,
+) -> Decision:
+    """Everything that is decided in an instant, from what is seen.
+
+    The sheep decide on `state`, and subgoals and behaviours are those of `state`; the dogs
+    decide on `seen`, if they see something else. `key` draws what is random in the sheep's law.
+    The kinematic world moves everyone as decided (`move`); bodies with physics are told to.
+    """
+    velocity = shepherd(world, state if seen is None else seen)
+    subgoal, drives = herding.gate(world, state.sheep, state.dogs)
+    return Decision(
+        velocity=limited(world.dog, velocity),
+        force=world.flock.force(state, key),
+        subgoal=subgoal,
+        drives=drives,
+    )
+
+
+def move(
+    world: World,
+    state: State,
+    velocity: Float[Array, "dogs 2"],
+    force: Float[Array, "sheep 2"],
+    key: PRNGKeyArray | None = None,
+) -> State:
+    """The world one `dt` later (paper, Eqs 10 and 11): all move at once, as decided.
+
+    `velocity` is in m/s and within the dogs' limits; `key` draws its error.
+    """
+    if key is not None:
+        velocity = velocity + world.dog.actuation_noise * jax.random.normal(key, velocity.shape)
+    speed = column(world.sheep.speed, len(state.sheep))
+    sheep = state.sheep + speed * world.arena.dt * force
+    return State(
+        sheep=jnp.clip(sheep, 0.0, world.arena.size),
+        dogs=herding.within_airspace(world, state.dogs + world.arena.dt * velocity),
+        force=force,
+    )
 
 
 def step(
@@ -107,29 +129,18 @@ def step(
     velocity: Float[Array, "dogs 2"],
     key: PRNGKeyArray | None = None,
 ) -> State:
-    """The world one `dt` later (paper, Eqs 10 and 11): all move at once.
+    """The world one `dt` later, the dogs told to fly `velocity` in m/s.
 
-    `velocity` is in m/s. `key` draws the noise that the world's parameters ask for; without
-    one there is none.
+    `key` draws the noise that the world's parameters ask for; without one there is none.
     """
-    flown = limited(world.dog, velocity)
-    for_sheep = None
-    if key is not None:
-        for_sheep, for_dogs = jax.random.split(key)
-        flown = flown + world.dog.actuation_noise * jax.random.normal(for_dogs, flown.shape)
-    force = flock.force(world.flock, state.sheep, state.dogs, state.force, for_sheep)
-    sheep = state.sheep + world.flock.speed * world.arena.dt * force
-    return State(
-        sheep=jnp.clip(sheep, 0.0, world.arena.size),
-        dogs=herding.within_airspace(world, state.dogs + world.arena.dt * flown),
-        force=force,
-    )
+    for_sheep, for_dogs = (None, None) if key is None else jax.random.split(key)
+    force = world.flock.force(state, for_sheep)
+    return move(world, state, limited(world.dog, velocity), force, for_dogs)
 
 
 def accomplished(world: World, state: State) -> Bool[Array, ""]:
-    """Whether every sheep is within 𝔻 of the goal and the flock gathered within f(N) (Eq. 12)."""
-    home = norm(state.sheep - herding.goal(world.arena)) <= world.arena.goal_radius
-    return jnp.all(home) & herding.gathered(world.flock, state.sheep)
+    """Whether the mission is accomplished: by default, all home and gathered (Eq. 12)."""
+    return world.end.accomplished(world, state)
 
 
 def perceive(world: World, state: State, key: PRNGKeyArray) -> State:
@@ -143,12 +154,19 @@ def perceive(world: World, state: State, key: PRNGKeyArray) -> State:
     )
 
 
-Records = tuple[Array, Array, Array, Array, Array, Array]
-"""What an instant leaves to record: sheep, dogs, subgoal, drives, command, accomplished."""
+class Record(eqx.Module):
+    """What an instant leaves to record; stacked along the instants, all of a mission."""
+
+    sheep: Float[Array, "*instants sheep 2"]
+    dogs: Float[Array, "*instants dogs 2"]
+    subgoal: Float[Array, "*instants dogs 2"]
+    drives: Bool[Array, "*instants dogs"]
+    command: Float[Array, "*instants dogs 2"]
+    accomplished: Bool[Array, "*instants"]
 
 
-def kept(flown: Callable[..., Any]) -> Callable[..., Any]:
-    """`flown(world, shepherd, ...)`, compiled and kept for the next call if it is a module's.
+def compiled_once(flown: Callable[..., Any]) -> Callable[..., Any]:
+    """`flown(world, shepherd, ...)`, compiled; for a shepherd that is a module, only once.
 
     Any other shepherd may read what has changed by then: it is compiled anew each time.
     """
@@ -173,51 +191,52 @@ def rollout(
     `key` draws the noise; None is a mission without any. For a shepherd that is an `eqx.Module`,
     what was compiled is kept for the next call with the same world and shapes.
     """
-    return recorded(world, _flown(world, shepherd, state, index(steps), key))
+    return as_trace(world, _rollout(world, shepherd, state, index(steps), key), index(steps))
 
 
-@kept
-def _flown(
+@compiled_once
+def _rollout(
     world: World, shepherd: Shepherd, state: State, steps: int, key: PRNGKeyArray | None
-) -> Records:
+) -> Record:
     fly = instant(world, shepherd, steps, key)
     return jax.lax.scan(fly, (state, jnp.asarray(False)), jnp.arange(steps + 1))[1]
 
 
 def instant(
     world: World, shepherd: Shepherd, steps: int, key: PRNGKeyArray | None
-) -> Callable[[tuple[State, Array], Array], tuple[tuple[State, Array], Records]]:
+) -> Callable[[tuple[State, Array], Array], tuple[tuple[State, Array], Record]]:
     """One instant of a mission, for a scan: (state, done) and its number to those after it."""
 
     def fly(carry, now: Int[Array, ""]):
         state, done = carry
-        moving = perceiving = None
-        seen = state
+        for_sheep = for_dogs = seen = None
         if key is not None:
             moving, perceiving = jax.random.split(jax.random.fold_in(key, now))
+            for_sheep, for_dogs = jax.random.split(moving)
             seen = perceive(world, state, perceiving)
         done = done | accomplished(world, state)
         last = done | (now >= steps)
-        command = jnp.where(last, 0.0, limited(world.dog, shepherd(world, seen)))
-        subgoal, drives = herding.gate(world, state.sheep, state.dogs)
-        record = (state.sheep, state.dogs, subgoal, drives, command, done)
-        after = step(world, state, command, moving)
+        decided = decide(world, shepherd, state, seen, for_sheep)
+        command = jnp.where(last, 0.0, decided.velocity)
+        record = Record(state.sheep, state.dogs, decided.subgoal, decided.drives, command, done)
+        after = move(world, state, command, decided.force, for_dogs)
         state = jax.tree.map(lambda old, new: jnp.where(last, old, new), state, after)
         return (state, done), record
 
     return fly
 
 
-def recorded(world: World, records: Records) -> Trace:
-    """The trace that the records of all instants, one after another, amount to."""
-    sheep, dogs, subgoal, drives, command, done = records
+def as_trace(world: World, record: Record, steps: int) -> Trace:
+    """The trace of a mission of at most `steps` steps, from the record of all its instants."""
+    done = record.accomplished
     return Trace(
         world=world,
         time=jnp.arange(len(done)) * jnp.asarray(world.arena.dt, jnp.float32),
-        sheep=sheep,
-        dogs=dogs,
-        subgoal=subgoal,
-        drives=drives,
-        command=command,
+        sheep=record.sheep,
+        dogs=record.dogs,
+        subgoal=record.subgoal,
+        drives=record.drives,
+        command=record.command,
         accomplished=done,
+        ending=Ending(how=jnp.where(done[-1], ACCOMPLISHED, OUT_OF_TIME), steps=jnp.asarray(steps)),
     )

@@ -9,19 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from skydog.world.vectors import Scalar, norm, unit
+from skydog.world.vectors import PerSheep, column, norm, unit
 
 A_FEW = 30  # sheep up to which pairs as vectors are the fastest
 ALL_PAIRS = 300  # sheep up to which all pairs at once are
 BLOCK = 64  # sheep whose pairs with all others are in memory at a time, where cells are missing
 
 
-def pushes(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "sheep 2"]:
+def pushes(sheep: Float[Array, "sheep 2"], radius: PerSheep) -> Float[Array, "sheep 2"]:
     """For each sheep the sum of unit vectors away from every other within `radius` metres.
 
-    Chooses the fastest means: all pairs up to `ALL_PAIRS` sheep; beyond that cells, on a CPU
+    With a radius per sheep, each is pushed by those within its own. Chooses the fastest means: all pairs up to `ALL_PAIRS` sheep; beyond that cells, on a CPU
     with numba; else all pairs, block by block.
     """
+    column(radius, len(sheep))  # refuses a shape that would broadcast along the wrong axis
     if len(sheep) <= A_FEW:
         return all_pairs(sheep, sheep, radius)
     if len(sheep) <= ALL_PAIRS:
@@ -32,16 +33,16 @@ def pushes(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "shee
 
 
 def all_pairs(
-    sheep: Float[Array, "some 2"], others: Float[Array, "others 2"], radius: Scalar
+    sheep: Float[Array, "some 2"], others: Float[Array, "others 2"], radius: PerSheep
 ) -> Float[Array, "some 2"]:
     """The pushes on some sheep, every pair looked at: time and memory grow as their product."""
     away = sheep[:, None] - others[None, :]
-    near = norm(away) <= radius
+    near = norm(away) <= column(radius, len(sheep))
     return jnp.sum(jnp.where(near[..., None], unit(away), 0.0), axis=1)
 
 
 def by_coordinate(
-    sheep: Float[Array, "some 2"], others: Float[Array, "others 2"], radius: Scalar
+    sheep: Float[Array, "some 2"], others: Float[Array, "others 2"], radius: PerSheep
 ) -> Float[Array, "some 2"]:
     """`all_pairs`, one coordinate at a time: five times as fast for some hundred sheep.
 
@@ -55,16 +56,18 @@ def by_coordinate(
     return jnp.stack(push, axis=-1)
 
 
-def blocks(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "sheep 2"]:
+def blocks(sheep: Float[Array, "sheep 2"], radius: PerSheep) -> Float[Array, "sheep 2"]:
     """The pushes, every pair looked at, in memory that grows only as the flock does."""
+    reach = jnp.broadcast_to(jnp.asarray(radius), len(sheep))
 
-    def push(one: Float[Array, "2"]) -> Float[Array, "2"]:
-        return by_coordinate(one[None], sheep, radius)[0]
+    def push(one: tuple[Float[Array, "2"], Float[Array, ""]]) -> Float[Array, "2"]:
+        place, radius = one
+        return by_coordinate(place[None], sheep, radius)[0]
 
-    return jax.lax.map(push, sheep, batch_size=BLOCK)
+    return jax.lax.map(push, (sheep, reach), batch_size=BLOCK)
 
 
-def cells(sheep: Float[Array, "sheep 2"], radius: Scalar) -> Float[Array, "sheep 2"]:
+def cells(sheep: Float[Array, "sheep 2"], radius: PerSheep) -> Float[Array, "sheep 2"]:
     """The pushes, only neighbours looked at: time grows as the flock does, at one density.
 
     A packed herd, every sheep in one cell, is slower, never wrong. Not differentiable.
@@ -92,4 +95,5 @@ def compiled() -> ModuleType | None:
 def _pushes(sheep: Array, radius: Array) -> np.ndarray:
     kernel = compiled()
     assert kernel is not None
-    return kernel.pushes(np.asarray(sheep), np.float32(radius))
+    reach = np.array(np.broadcast_to(radius, len(sheep)), np.float32)
+    return kernel.pushes(np.asarray(sheep), reach)

@@ -1,10 +1,16 @@
 """Vectors in the plane: safe at zero, with finite gradients everywhere."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Num
+
+from skydog.errors import Refusal
 
 # A parameter: a plain number from a preset, or a traced scalar under jit and vmap.
 Scalar = int | float | Float[Array, ""]
+
+# A parameter of sheep: one number for the whole flock, or one number per sheep.
+PerSheep = int | float | Num[Array, ""] | Num[Array, " sheep"] | Num[np.ndarray, " sheep"]
 
 
 def norm(v: Float[Array, "*batch 2"]) -> Float[Array, "*batch"]:
@@ -25,3 +31,20 @@ def limit(v: Float[Array, "*batch 2"], most: Scalar) -> Float[Array, "*batch 2"]
     length = norm(v)[..., None]
     over = length > most
     return v * jnp.where(over, most / jnp.where(over, length, 1.0), 1.0)
+
+
+def column(value: PerSheep, sheep: int) -> Scalar | Num[Array, "sheep 1"]:
+    """A parameter of `sheep` sheep, as a factor of an array with a row per sheep.
+
+    One number stays as it is; one number per sheep becomes a column. Raises `Refusal` for an
+    array of any other shape, which would broadcast along the wrong axis.
+    """
+    shape = jnp.shape(value)
+    if shape == ():
+        return value  # pyright: ignore[reportReturnType]
+    if shape != (sheep,):
+        raise Refusal(
+            f"a parameter of the sheep is one number, or one number per sheep (shape ({sheep},)); "
+            f"got an array of shape {shape}"
+        )
+    return jnp.asarray(value)[:, None]

@@ -1,4 +1,4 @@
-"""Teach sheepdogs: two trainings each, side by side, fused into a file with its card."""
+"""Train sheepdogs: two trainings each, side by side, fused into a file with its card."""
 
 import platform
 from collections.abc import Callable, Iterable, Sequence
@@ -9,64 +9,72 @@ from typing import Any
 
 import jax
 
-from skydog import console, files
+from skydog import files
+from skydog.commands import console
 from skydog.errors import Refusal
 from skydog.learning import workers
-from skydog.learning.course import Course
+from skydog.learning.curriculum import Curriculum
+from skydog.learning.options import Skill
 from skydog.learning.train import History, checkpoint_in, init, load
 from skydog.learning.workers import Job
 from skydog.shepherds.sheepdog import Sheepdog
-from skydog.words import Skill
-from skydog.world import params
+from skydog.world.limits import PerAxis
+from skydog.world.serialise import flatten
 
 SKILLS: tuple[Skill, ...] = ("collect", "drive")
 
 
-def jobs(course: Course, folder: Path, seed: int, resume: bool) -> list[Job]:
+def jobs(curriculum: Curriculum, folder: Path, seed: int, resume: bool) -> list[Job]:
     """The two trainings of one sheepdog."""
-    return [Job(course, skill, seed, folder / skill, resume) for skill in SKILLS]
+    return [Job(curriculum, skill, seed, folder / skill, resume) for skill in SKILLS]
 
 
-def teach(todo: Sequence[Job], write: Callable[[workers.News], None] | None = None) -> bool:
-    """Train every job in its folder; tell whether all were finished. `write` hears all news."""
+def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | None = None) -> bool:
+    """Train every job in its folder; tell whether all were finished. `write` gets every message."""
     for job in todo:
         files.folder(job.folder)
     with console.TrainingBars(todo) as bars:
 
-        def listen(news: workers.News) -> None:
-            bars.listen(news)
+        def update(message: workers.Message) -> None:
+            bars.update(message)
             if write:
-                write(news)
+                write(message)
 
-        return workers.run(todo, listen)
+        return workers.run(todo, update)
 
 
-def fuse(course: Course, folder: Path, seed: int) -> tuple[Sheepdog, dict[Skill, History]]:
+def fuse(curriculum: Curriculum, folder: Path, seed: int) -> tuple[Sheepdog, dict[Skill, History]]:
     """The sheepdog that the two trainings in a folder amount to, and their histories."""
     skills, histories = {}, {}
-    for job in jobs(course, folder, seed, resume=True):
-        blank = init(course.lesson(job.skill), course.config(), jax.random.key(0))
+    for job in jobs(curriculum, folder, seed, resume=True):
+        blank = init(curriculum.lesson(job.skill), curriculum.config(), jax.random.key(0))
         training, histories[job.skill] = load(job.folder, blank, job.card)
         skills[job.skill] = training.agent.skill
-    return Sheepdog(skills["collect"], skills["drive"], float(course.world().arena.size)), histories
+    return Sheepdog(
+        skills["collect"], skills["drive"], float(curriculum.world().arena.size)
+    ), histories
 
 
-def card(course: Course, seed: int, command: str, results: dict[str, Any]) -> dict[str, Any]:
+def card(
+    curriculum: Curriculum, seed: int, command: str, results: dict[str, Any]
+) -> dict[str, Any]:
     """Where a sheepdog comes from, and how good it is."""
-    world = course.world()
+    world = curriculum.world()
     return {
-        "name": course.dog,
-        "learner": f"{course.learner}: one a skill",
-        "preset": course.preset,
-        "sheep": course.sheep,
-        "speed_limit": f"{world.dog.speed:g} m/s" + " on each axis" * world.dog.per_axis,
-        "reward": course.reward,
+        "name": curriculum.dog,
+        "learner": f"{curriculum.learner}: one a skill",
+        "preset": curriculum.preset if curriculum.own_world is None else None,
+        "own_world": curriculum.own_world,
+        "sheep": curriculum.sheep,
+        "speed_limit": f"{world.dog.speed:g} m/s"
+        + " on each axis" * isinstance(world.dog.limits, PerAxis),
+        "reward": curriculum.reward,
         "seed": seed,
-        "steps_a_skill": course.steps,
-        "one_scale": course.one_scale,
+        "steps_a_skill": curriculum.steps,
+        "one_scale": curriculum.one_scale,
         "command": command,
-        "config": asdict(course.config()),
-        "world": params.flatten(world),
+        "config": asdict(curriculum.config()),
+        "world": flatten(world),
         "results": {
             f"{name} {figure}": value["mean"] if isinstance(value, dict) else value
             for name, row in results.items()

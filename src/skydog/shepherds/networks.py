@@ -1,4 +1,4 @@
-"""The networks: of skills, and of the learners that teach them. Pytrees of arrays alone."""
+"""The networks of skills and of the learners that train them. Pytrees of arrays alone."""
 
 from typing import ClassVar
 
@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 
-class Layers(eqx.Module):
+class MLP(eqx.Module):
     """A feed-forward network with ReLU after each layer but the last.
 
     `eqx.nn.MLP` holds its activation as a leaf, which `jax.jit`, `vmap` over seeds and
@@ -38,24 +38,24 @@ class Actor(eqx.Module):
     Paper, "Deep neural network structure".
     """
 
-    layers: Layers
+    layers: MLP
     stretches: ClassVar[bool] = True  # its actions have any length, so that 1/ξ can scale them
 
     def __init__(self, observation: int, action: int, hidden: tuple[int, ...], key: PRNGKeyArray):
-        self.layers = Layers((observation, *hidden, action), key)
+        self.layers = MLP((observation, *hidden, action), key)
 
     def __call__(self, observation: Float[Array, "*batch seen"]) -> Float[Array, "*batch action"]:
         return jnp.tanh(self.layers(observation))
 
 
-class Chooser(eqx.Module):
-    """The policy of DQN: of two actions on each axis, -1 and 1, the one of the highest value."""
+class GreedyQ(eqx.Module):
+    """The greedy policy of DQN: of two actions on each axis, -1 and 1, that of the highest Q."""
 
-    layers: Layers
+    layers: MLP
     stretches: ClassVar[bool] = False  # its actions have one length
 
     def __init__(self, observation: int, action: int, hidden: tuple[int, ...], key: PRNGKeyArray):
-        self.layers = Layers((observation, *hidden, 2 * action), key)
+        self.layers = MLP((observation, *hidden, 2 * action), key)
 
     def __call__(self, observation: Float[Array, "*batch seen"]) -> Float[Array, "*batch action"]:
         return self.best(self.values(observation))
@@ -76,10 +76,10 @@ class Chooser(eqx.Module):
 class Critic(eqx.Module):
     """The value Q of an action: how good it is. In the unit of the summed rewards."""
 
-    layers: Layers
+    layers: MLP
 
     def __init__(self, observation: int, action: int, hidden: tuple[int, ...], key: PRNGKeyArray):
-        self.layers = Layers((observation + action, *hidden, 1), key)
+        self.layers = MLP((observation + action, *hidden, 1), key)
 
     def __call__(
         self, observation: Float[Array, "*batch seen"], action: Float[Array, "*batch action"]

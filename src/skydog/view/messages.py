@@ -1,44 +1,46 @@
-"""What a page of the live view may say: its orders, each value checked and within bounds."""
+"""The messages of a page of the live view, each value checked and within bounds."""
 
 import json
 from collections.abc import Callable
 from typing import Any
 
 from skydog.errors import Refusal
-from skydog.view.game import ALONG, HOVER, SPEEDS, TOWARD
-from skydog.world import params
+from skydog.view.session import ALONG, HOVER, SPEEDS, TOWARD
 
 MOST_SHEEP, MOST_DOGS = 200, 8
 LONGEST_ARENA = 1000.0  # metres
 CASES = 2**31 - 1
-LONGEST = 4096  # characters of an order that are read
+LONGEST = 4096  # characters of a message that are read
 
 Check = Callable[[Any], Any]
 
 
-def parsed(message: str | bytes, policies: list[str]) -> dict[str, Any]:
-    """An order of a page, its values checked. Raises `Refusal` for anything else."""
+def parse(message: str | bytes, policies: list[str], worlds: list[str]) -> dict[str, Any]:
+    """A message of a page, its values checked. Raises `Refusal` for anything else."""
     if isinstance(message, bytes):
-        raise Refusal("an order is text; send JSON, not bytes")
+        raise Refusal("a message is text; send JSON, not bytes")
     if len(message) > LONGEST:
-        raise Refusal(f"an order has at most {LONGEST} characters, got {len(message)}")
+        raise Refusal(f"a message has at most {LONGEST} characters, got {len(message)}")
     try:
-        order = json.loads(message)
+        said = json.loads(message)
     except (ValueError, RecursionError):
-        raise Refusal(f"an order is JSON, got {short(message)}") from None
-    if not isinstance(order, dict):
-        raise Refusal(f'an order is an object such as {{"sheep": 5}}, got {short(message)}')
-    checks = _ORDERS | {"policy": _choice("policy", policies)}
-    unknown = sorted(set(order) - set(checks))
+        raise Refusal(f"a message is JSON, got {short(message)}") from None
+    if not isinstance(said, dict):
+        raise Refusal(f'a message is an object such as {{"sheep": 5}}, got {short(message)}')
+    checks = _CHECKS | {
+        "policy": _choice("policy", policies),
+        "preset": _choice("preset", worlds),
+    }
+    unknown = sorted(set(said) - set(checks))
     if unknown:
-        raise Refusal(f"no order is called {short(unknown[0])}; choose from {', '.join(checks)}")
-    return {name: checks[name](value) for name, value in order.items()}
+        raise Refusal(f"no message is called {short(unknown[0])}; choose from {', '.join(checks)}")
+    return {name: checks[name](value) for name, value in said.items()}
 
 
 def short(value: object) -> str:
     """The value as Python writes it, in 40 characters at most."""
-    told = repr(value)
-    return told if len(told) <= 40 else told[:37] + "..."
+    text = repr(value)
+    return text if len(text) <= 40 else text[:37] + "..."
 
 
 def _number(name: str, low: float, high: float) -> Check:
@@ -63,8 +65,8 @@ def _whole(name: str, low: int, high: int) -> Check:
 def _choice(name: str, choices: list[Any]) -> Check:
     def check(value: Any) -> Any:
         if value not in choices or isinstance(value, bool) != (choices[0] in (True, False)):
-            told = ", ".join(map(str, choices))
-            raise Refusal(f"{name} is one of {told}, got {short(value)}")
+            listed = ", ".join(map(str, choices))
+            raise Refusal(f"{name} is one of {listed}, got {short(value)}")
         return value
 
     return check
@@ -94,7 +96,7 @@ def _hold(value: Any) -> tuple[str, int, tuple[float, float]] | None:
     )
 
 
-def _course(value: Any) -> tuple[int, tuple[float, float]]:
+def _steering(value: Any) -> tuple[int, tuple[float, float]]:
     if value is None:
         return HOVER, (0.0, 0.0)
     if isinstance(value, dict) and "along" in value:
@@ -102,8 +104,7 @@ def _course(value: Any) -> tuple[int, tuple[float, float]]:
     return TOWARD, _pair("toward", _fields("fly", value, {"toward"})["toward"], 1e6)
 
 
-_ORDERS: dict[str, Check] = {
-    "preset": _choice("preset", list(params.PRESETS)),
+_CHECKS: dict[str, Check] = {
     "arena": _number("arena", 1.0, LONGEST_ARENA),
     "sheep": _whole("sheep", 1, MOST_SHEEP),
     "dogs": _whole("dogs", 1, MOST_DOGS),
@@ -117,6 +118,6 @@ _ORDERS: dict[str, Check] = {
     "step": _choice("step", [True]),
     "reset": _choice("reset", [True]),
     "hold": _hold,
-    "fly": _course,
+    "fly": _steering,
     "seen": _whole("seen", 0, 2**53),
 }

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skydog.networks import Actor, Critic, Layers
+from skydog.shepherds.networks import Actor, Critic, MLP
 
 
 def by_hand(layers, x):
@@ -19,7 +19,7 @@ def by_hand(layers, x):
 
 @pytest.mark.parametrize("sizes", [(3, 2), (4, 8, 2), (4, 32, 64, 2)])
 def test_layers_are_linear_with_relu_between_them(sizes):
-    layers = Layers(sizes, jax.random.key(0))
+    layers = MLP(sizes, jax.random.key(0))
     for x in np.random.default_rng(0).normal(size=(20, sizes[0])).astype(np.float32):
         np.testing.assert_allclose(layers(jnp.asarray(x)), by_hand(layers, x), atol=1e-5)
 

@@ -1,5 +1,8 @@
-"""What a person sees while a long job runs."""
+"""What a person sees: progress on the standard error, results on the standard output."""
 
+import json
+import shlex
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -12,11 +15,12 @@ from rich.progress import (
     TaskProgressColumn,
     TextColumn,
     TimeRemainingColumn,
-    track,
 )
+from rich.progress import track as rich_track
+from rich.table import Table
 
 from skydog.errors import Refusal
-from skydog.learning.workers import Job, News
+from skydog.learning.workers import Job, Message
 
 Thing = TypeVar("Thing")
 
@@ -29,9 +33,9 @@ def say(text: str) -> None:
     progress_console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-def counted(text: str, things: Iterable[Thing]) -> Iterator[Thing]:
+def track(text: str, things: Iterable[Thing]) -> Iterator[Thing]:
     """Go through things, and show how many are done and how long the others will take."""
-    yield from track(list(things), text, console=progress_console, transient=True)
+    yield from rich_track(list(things), text, console=progress_console, transient=True)
 
 
 class TrainingBars:
@@ -41,16 +45,16 @@ class TrainingBars:
         self._bars = Progress(
             TextColumn("{task.description}"),
             TaskProgressColumn(),
-            TextColumn("{task.fields[news]}"),
+            TextColumn("{task.fields[message]}"),
             TimeRemainingColumn(compact=True),
             console=progress_console,
             refresh_per_second=4,
             speed_estimate_period=120.0,
         )
         self._done: dict[str, int] = {}
-        steps = sum(job.course.steps for job in jobs)
+        steps = sum(job.curriculum.steps for job in jobs)
         whole = f"all {len(jobs)} trainings"
-        self._all = self._bars.add_task(whole, total=steps, news="", visible=len(jobs) > 2)
+        self._all = self._bars.add_task(whole, total=steps, message="", visible=len(jobs) > 2)
         self._rows: dict[str, TaskID] = {}
 
     def __enter__(self) -> "TrainingBars":
@@ -65,30 +69,32 @@ class TrainingBars:
     ) -> None:
         self._bars.stop()
 
-    def listen(self, news: News) -> None:
+    def update(self, message: Message) -> None:
         """Show what a worker tells. A training that has ended makes room for the next."""
-        job = news.job
+        job = message.job
         if job.name not in self._rows:
-            self._rows[job.name] = self._bars.add_task(job.name, total=job.course.steps, news="")
+            self._rows[job.name] = self._bars.add_task(
+                job.name, total=job.curriculum.steps, message=""
+            )
         row = self._rows[job.name]
-        if news.progress is not None:
-            self._done[job.name] = news.progress.step
+        if message.progress is not None:
+            self._done[job.name] = message.progress.step
             speed = self._bars.tasks[row].speed
             self._bars.update(
                 row,
-                completed=news.progress.step,
-                news=f"reward {news.progress.reward_per_action:+.3f}, "
-                f"{news.progress.success:4.0%} arrive, {speed or 0:6,.0f} steps/s",
+                completed=message.progress.step,
+                message=f"reward {message.progress.reward_per_action:+.3f}, "
+                f"{message.progress.success:4.0%} arrive, {speed or 0:6,.0f} steps/s",
             )
-        elif news.ended == "done":
-            self._done[job.name] = job.course.steps
-            self._bars.update(row, completed=job.course.steps)
+        elif message.ended == "done":
+            self._done[job.name] = job.curriculum.steps
+            self._bars.update(row, completed=job.curriculum.steps)
             self._bars.update(row, visible=self._bars.tasks[self._all].visible is False)
         self._bars.update(self._all, completed=sum(self._done.values()))
 
 
-def tensorboard(folder: Path) -> Callable[[News], None]:
-    """A listener that writes the learning curves for TensorBoard, one run a training.
+def tensorboard(folder: Path) -> Callable[[Message], None]:
+    """A callback that writes the learning curves for TensorBoard, one run a training.
 
     Raises `Refusal` if the optional package is missing.
     """
@@ -100,15 +106,37 @@ def tensorboard(folder: Path) -> Callable[[News], None]:
         ) from None
     writers: dict[str, Any] = {}
 
-    def listen(news: News) -> None:
-        if news.progress is None:
+    def write(message: Message) -> None:
+        if message.progress is None:
             return
-        name = news.job.name
+        name = message.job.name
         if name not in writers:
             writers[name] = SummaryWriter(str(folder / name))
         writer = writers[name]
-        writer.add_scalar("reward per action", news.progress.reward_per_action, news.progress.step)
-        writer.add_scalar("success", news.progress.success, news.progress.step)
+        writer.add_scalar(
+            "reward per action", message.progress.reward_per_action, message.progress.step
+        )
+        writer.add_scalar("success", message.progress.success, message.progress.step)
         writer.flush()
 
-    return listen
+    return write
+
+
+def command_line() -> str:
+    """The command as it was typed."""
+    return shlex.join(["skydog", *sys.argv[1:]])
+
+
+def show(results: dict[str, Any], as_json: bool, as_paper: bool = True) -> None:
+    """Print rows of figures as a table, beside the paper's if they are of its cases; or as JSON."""
+    if as_json:
+        print(json.dumps(results if len(results) > 1 else next(iter(results.values())), indent=2))
+        return
+    from skydog.study import report
+
+    print_table(report.table(report.rows(results, as_paper)))
+
+
+def print_table(table: Table) -> None:
+    """Print a table on the standard output."""
+    Console().print(table)

@@ -1,4 +1,4 @@
-"""What the environments play: a mission or a lesson, as pure functions of an episode."""
+"""The tasks of the environments: a mission or a lesson, as pure functions of an episode."""
 
 from operator import index
 from typing import Any, Literal, get_args
@@ -11,25 +11,27 @@ from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 from skydog.errors import Refusal
 from skydog.learning import lessons
 from skydog.learning.lessons import Lesson, Outcome
+from skydog.learning.options import Reward
 from skydog.shepherds import sheepdog
 from skydog.study import cases
-from skydog.words import Reward, Starts
+from skydog.study.options import Starts
 from skydog.world import herding, mission, params
-from skydog.world.mission import State
 from skydog.world.params import World
+from skydog.world.presets import preset as preset_world
+from skydog.world.state import State
 from skydog.world.vectors import Scalar, norm
 
-Task = Literal["herd", "collect", "drive"]
+TaskName = Literal["herd", "collect", "drive"]
 """The whole mission, or one of the two lessons."""
 
-Observation = Literal["compact", "full"]
+ObservationKind = Literal["compact", "full"]
 """What a dog sees: the paper's four numbers, or where everybody is, seen from it."""
 
-MOST = 10_000  # sheep or dogs
+MAX_AGENTS = 10_000  # sheep or dogs
 NEVER = 2**31 - 1  # the step at which an episode without a limit ends
 
-# What is told beside the observation, by name and kind: see `told`.
-TOLD = {
+# The `info` beside an observation, by name and kind: see `info`.
+INFO = {
     "success": bool,
     "steps": int,
     "distance": float,
@@ -52,7 +54,7 @@ class Mission(eqx.Module):
     step: Int[Array, ""]
 
 
-class Herd(eqx.Module):
+class HerdTask(eqx.Module):
     """The whole mission: collect the strays, drive the flock home.
 
     The reward is the metres by which the flock came nearer to its end in the step: the sheep's
@@ -76,41 +78,41 @@ class Herd(eqx.Module):
 
     def step(self, episode: Mission, action: Float[Array, "dogs 2"]) -> tuple[Mission, Outcome]:
         """Fly one step; `action` is each dog's velocity, in shares of the speed limit."""
-        moving = self._chances(episode)[0] if self.noisy else None
+        moving = self._keys(episode)[0] if self.noisy else None
         velocity = mission.limited(self.world.dog, self.world.dog.speed * action)
         after = mission.step(self.world, episode.state, velocity, moving)
         success = mission.accomplished(self.world, after)
-        reward = self._to_do(episode.state) - self._to_do(after) - STEP_COST
+        reward = self._remaining(episode.state) - self._remaining(after) - STEP_COST
         moved = Mission(after, episode.key, episode.step + 1)
         reward = reward + ACCOMPLISHED * success
         return moved, Outcome(reward, success, jnp.asarray(False), success)
 
-    def seen(self, episode: Mission) -> tuple[State, Float[Array, "dogs 2"], Float[Array, ""]]:
+    def perceived(self, episode: Mission) -> tuple[State, Float[Array, "dogs 2"], Float[Array, ""]]:
         """What the dogs make out: the state, their subgoals in it, and the scale, which is 1."""
         state = episode.state
         if self.noisy:
-            state = mission.perceive(self.world, state, self._chances(episode)[1])
+            state = mission.perceive(self.world, state, self._keys(episode)[1])
         subgoal, _ = herding.gate(self.world, state.sheep, state.dogs)
         return state, subgoal, jnp.ones(())
 
-    def aim(self, episode: Mission) -> tuple[World, State, Float[Array, "dogs 2"], Array, Array]:
+    def scene(self, episode: Mission) -> tuple[World, State, Float[Array, "dogs 2"], Array, Array]:
         """World, state, subgoals, who drives, and whether it is accomplished."""
         subgoal, drives = herding.gate(self.world, episode.state.sheep, episode.state.dogs)
         success = mission.accomplished(self.world, episode.state)
         return self.world, episode.state, subgoal, drives, success
 
-    def _to_do(self, state: State) -> Float[Array, ""]:
+    def _remaining(self, state: State) -> Float[Array, ""]:
         away = jnp.mean(norm(state.sheep - herding.goal(self.world.arena)))
         stray = jnp.max(norm(state.sheep - herding.gcm(state.sheep)))
-        spread = herding.gathered_radius(self.world.flock, self.sheep)
+        spread = herding.gathered_radius(self.world, self.sheep)
         return away + jnp.maximum(stray - spread, 0.0)
 
-    def _chances(self, episode: Mission) -> Key[Array, "2"]:
+    def _keys(self, episode: Mission) -> Key[Array, "2"]:
         # As `mission.instant` draws them, so that an environment flies a rollout over again.
         return jax.random.split(jax.random.fold_in(episode.key, episode.step))
 
 
-class Taught(eqx.Module):
+class LessonTask(eqx.Module):
     """A lesson as it is taught to our own learners: `skydog.learning.lessons.Lesson`."""
 
     lesson: Lesson
@@ -136,30 +138,32 @@ class Taught(eqx.Module):
         """Fly one step; `action` is the velocity in shares of the speed limit."""
         return self.lesson.step(episode, action[0])
 
-    def seen(self, episode: lessons.Episode) -> tuple[State, Float[Array, "1 2"], Float[Array, ""]]:
+    def perceived(
+        self, episode: lessons.Episode
+    ) -> tuple[State, Float[Array, "1 2"], Float[Array, ""]]:
         """The state, the subgoal in it, and the scale that the dog sees them at."""
         return episode.state, self.lesson.subgoal(episode), episode.scale
 
-    def aim(
+    def scene(
         self, episode: lessons.Episode
     ) -> tuple[World, State, Float[Array, "1 2"], Array, Array]:
         """World, state, subgoal, whether it drives, and whether it has arrived."""
         drives = jnp.full(1, self.lesson.skill == "drive")
         subgoal = self.lesson.subgoal(episode)
-        return self.lesson.lived_in(episode.scale), episode.state, subgoal, drives, episode.arrived
+        return self.lesson.world_at(episode.scale), episode.state, subgoal, drives, episode.arrived
 
 
-class Played(eqx.Module):
+class EnvState(eqx.Module):
     """An episode, and how far the dogs have flown in it."""
 
-    episode: Any  # of the game that is played
+    episode: Any  # of the task
     flown: Float[Array, ""]  # metres, all dogs together
 
 
-Game = Herd | Taught
+Task = HerdTask | LessonTask
 
 
-def game(
+def make_task(
     task: str,
     preset: str = "paper",
     arena: float | None = None,
@@ -168,28 +172,28 @@ def game(
     starts: str = "random",
     reward: str = "progress",
     world: Any = None,
-) -> Game:
-    """The game of a `Task`, in a preset's world or in one of your own.
+) -> Task:
+    """The task of a `TaskName`, in a preset's world or in one of your own.
 
-    Raises `Refusal` for what cannot be played.
+    Raises `Refusal` for what cannot be.
     """
-    what: Any = one_of(task, Task, "task")
-    where: Any = one_of(starts, Starts, "starts")
-    pays: Any = one_of(reward, Reward, "reward")
-    sheep, dogs = whole(sheep, "sheep", MOST), whole(dogs, "dogs", MOST)
+    what: Any = choice(task, TaskName, "task")
+    where: Any = choice(starts, Starts, "starts")
+    pays: Any = choice(reward, Reward, "reward")
+    sheep, dogs = count(sheep, "sheep", MAX_AGENTS), count(dogs, "dogs", MAX_AGENTS)
     if world is not None and not isinstance(world, World):
         raise Refusal(
             f"world is one that skydog.preset makes, or a change of it, got {world!r:.60}"
         )
-    chosen = params.preset(preset, arena, sheep) if world is None else world
+    chosen = preset_world(preset, arena, sheep) if world is None else params.check(world)
     traced = params.traced(chosen)
     if what == "herd":
         cases.check(where, sheep, dogs)
-        return Herd(traced, sheep, dogs, where, params.noisy(chosen))
-    return Taught(Lesson(traced, what, pays, sheep))
+        return HerdTask(traced, sheep, dogs, where, params.noisy(chosen))
+    return LessonTask(Lesson(traced, what, pays, sheep))
 
 
-def whole(value: Any, what: str, most: int) -> int:
+def count(value: Any, what: str, most: int) -> int:
     """A number of things, if it is a whole one from 1 to `most`. Raises `Refusal`."""
     try:
         count = index(value)
@@ -200,81 +204,81 @@ def whole(value: Any, what: str, most: int) -> int:
     return count
 
 
-def one_of(value: str, words: Any, what: str) -> Any:
+def choice(value: str, words: Any, what: str) -> Any:
     """A word, if it is one of those. Raises `Refusal`, which lists them."""
     if value not in get_args(words):
         raise Refusal(f"no {what} is called {value!r}; choose from {', '.join(get_args(words))}")
     return value
 
 
-def begin(game: Game, key: PRNGKeyArray) -> Played:
+def reset(task: Task, key: PRNGKeyArray) -> EnvState:
     """An episode that has not begun."""
-    return Played(game.start(key), jnp.zeros(()))
+    return EnvState(task.start(key), jnp.zeros(()))
 
 
-def place(played: Played, where: dict[str, Float[Array, "some 2"]]) -> Played:
+def place(env: EnvState, where: dict[str, Float[Array, "some 2"]]) -> EnvState:
     """The mission begun somewhere else: `sheep` and `dogs` in metres, those that are given."""
     state = eqx.tree_at(
         lambda state: [getattr(state, who) for who in where],
-        played.episode.state,
+        env.episode.state,
         list(where.values()),
     )
-    return eqx.tree_at(lambda played: played.episode.state, played, state)
+    return eqx.tree_at(lambda env: env.episode.state, env, state)
 
 
-def turn(game: Game, played: Played, action: Float[Array, "dogs 2"]) -> tuple[Played, Outcome]:
+def step(task: Task, env: EnvState, action: Float[Array, "dogs 2"]) -> tuple[EnvState, Outcome]:
     """The episode a step later, and what the step brought."""
-    before = played.episode.state.dogs
-    episode, outcome = game.step(played.episode, action)
+    before = env.episode.state.dogs
+    episode, outcome = task.step(env.episode, action)
     flown = jnp.sum(norm(episode.state.dogs - before))
-    return Played(episode, played.flown + flown), outcome
+    return EnvState(episode, env.flown + flown), outcome
 
 
-def observe(game: Game, played: Played, how: Observation) -> Float[Array, "dogs seen"]:
-    """What each dog sees, in metres (times ξ in a lesson), within `reach`.
+def observe(task: Task, env: EnvState, how: ObservationKind) -> Float[Array, "dogs seen"]:
+    """What each dog sees, in metres (times ξ in a lesson), within `observation_bound`.
 
     `compact`: `skydog.shepherds.sheepdog.OBSERVES`. `full`: from the dog to each sheep, to the
     goal, and to each other dog, from the one after it round to the one before; x and y in turn.
     """
-    state, subgoal, scale = game.seen(played.episode)
+    state, subgoal, scale = task.perceived(env.episode)
     if how == "compact":
         seen = sheepdog.observe(state.sheep, state.dogs, subgoal)
     else:
         count = len(state.dogs)
-        goal = jnp.broadcast_to(herding.goal(game.world.arena), (count, 1, 2))
+        goal = jnp.broadcast_to(herding.goal(task.world.arena), (count, 1, 2))
         sheep = jnp.broadcast_to(state.sheep, (count, *state.sheep.shape))
         after = jnp.arange(count)[:, None] + jnp.arange(1, count)
         others = state.dogs[after % count]
         everybody = jnp.concatenate([sheep, goal, others], axis=1)
         seen = (everybody - state.dogs[:, None]).reshape(count, -1)
-    return jnp.clip(scale * seen, -reach(game), reach(game))
+    return jnp.clip(scale * seen, -observation_bound(task), observation_bound(task))
 
 
-def reach(game: Game) -> Scalar:
+def observation_bound(task: Task) -> Scalar:
     """The furthest, in metres on an axis, that anything can be from a dog, as the dog sees it."""
-    widest = max(1.0, game.lesson.scales[1]) if isinstance(game, Taught) else 1.0
-    arena, dog = game.world.arena, game.world.dog
+    widest = max(1.0, task.lesson.scales[1]) if isinstance(task, LessonTask) else 1.0
+    arena, dog = task.world.arena, task.world.dog
     return arena.size + 2.0 * widest * dog.airspace
 
 
-def numbers(game: Game, how: Observation) -> int:
+def observation_size(task: Task, how: ObservationKind) -> int:
     """How many numbers a dog sees."""
-    return 4 if how == "compact" else 2 * (game.sheep + game.dogs)
+    return 4 if how == "compact" else 2 * (task.sheep + task.dogs)
 
 
-def told(game: Game, played: Played) -> dict[str, Array]:
-    """What is told beside the observation: how far the mission or lesson has come.
+def info(task: Task, env: EnvState) -> dict[str, Array]:
+    """The `info` beside an observation: how far the mission or lesson has come.
 
     `success`; `steps`; `distance`, metres flown by all dogs; `dog_to_subgoal` and
     `centre_to_goal`, metres; `spread`, metres from the flock's centre to its stray; `drives`,
     whether all dogs drive, else they collect.
     """
-    world, state, subgoal, drives, success = game.aim(played.episode)
+    world, state, subgoal, drives, success = task.scene(env.episode)
     centre = herding.gcm(state.sheep)
     return {
         "success": success,
-        "steps": played.episode.step,
-        "distance": played.flown,
+        "steps": env.episode.step,
+        "distance": env.flown,
         "dog_to_subgoal": jnp.mean(norm(state.dogs - subgoal)),
         "centre_to_goal": norm(centre - herding.goal(world.arena)),
         "spread": jnp.max(norm(state.sheep - centre)),

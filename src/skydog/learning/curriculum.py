@@ -1,11 +1,11 @@
-"""What a sheepdog is taught, where and how: free to import, and to send to another process."""
+"""What a sheepdog is taught, where and how. Free to import, and to send to another process."""
 
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from skydog.errors import Refusal
-from skydog.words import Learner, Reward, Skill
+from skydog.learning.options import Learner, Reward, Skill
 
 if TYPE_CHECKING:  # a worker pins itself to its core before jax is imported
     from skydog.learning.lessons import Lesson
@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # a worker pins itself to its core before jax is imported
 
 
 @dataclass(frozen=True)
-class Course:
+class Curriculum:
     """Two lessons, the learner that takes them, and how long each may last."""
 
     preset: str = "paper"
@@ -24,16 +24,19 @@ class Course:
     learner: Learner = "ddpg"
     episodes: int | None = None  # end a lesson too, if they are over before its steps
     one_scale: bool = False  # lessons at the arena's own scale alone, as the paper has them
+    own_world: str | None = None  # FILE.py:NAME, a world of your own in place of the preset's
 
     def world(self) -> "World":
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
-        from skydog.world import params
+        from skydog.world import loading, presets
 
         if self.steps < 1:
             raise Refusal(
-                f"a skill is taught for at least 1 step, got {self.steps}; try --steps 150000"
+                f"a skill is trained for at least 1 step, got {self.steps}; try --steps 150000"
             )
-        return params.preset(self.preset, self.arena, self.sheep)
+        if self.own_world is not None:
+            return presets.make(loading.maker(self.own_world), self.arena, self.sheep)
+        return presets.preset(self.preset, self.arena, self.sheep)
 
     def lesson(self, skill: Skill) -> "Lesson":
         """The lesson that teaches a skill."""
@@ -58,12 +61,18 @@ class Course:
         kind = {"ddpg": "H-DDPG", "dqn": "DHRL"}[self.learner]
         size = float(self.world().arena.size)
         odd = "-paper-reward" * (self.reward == "paper") + "-one-scale" * self.one_scale
-        return f"{kind}-{size:g}x{size:g}{odd}"
+        own = "" if self.own_world is None else f"-{self.own_world.rpartition(':')[2]}"
+        return f"{kind}-{size:g}x{size:g}{odd}{own}"
 
     def card(self) -> dict[str, Any]:
         """What must be the same for a training to be continued."""
+        from skydog.world import loading
+
+        own = self.own_world
         return {
-            "preset": self.preset,
+            "preset": self.preset if own is None else None,
+            "own_world": None if own is None else own.rpartition(":")[2],
+            "SHA-256 of the world's file": None if own is None else loading.digest(own),
             "arena": float(self.world().arena.size),
             "sheep": self.sheep,
             "reward": self.reward,

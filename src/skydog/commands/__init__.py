@@ -1,0 +1,1 @@
+"""What the command `skydog` does: one file per command."""

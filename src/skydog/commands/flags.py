@@ -1,0 +1,37 @@
+"""Flags that several commands have, and what a command exits with. Free to import."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import arg
+
+from skydog.errors import Refusal
+
+if TYPE_CHECKING:
+    from skydog.world.params import World
+
+STOPPED = 130  # what a shell says of a command that Ctrl-C ended
+
+Out = Annotated[Path, arg(metavar="FOLDER")]
+MaybeOut = Annotated[Path | None, arg(metavar="FOLDER")]
+Preset = Annotated[str, arg(metavar="NAME")]
+Arena = Annotated[float, arg(metavar="METRES")]
+MaybeArena = Annotated[float | None, arg(metavar="METRES")]
+OwnWorld = Annotated[str | None, arg(metavar="FILE.py:NAME")]
+Json = Annotated[bool, arg(name="json")]
+
+
+def world_of(preset: str, own: str | None, arena: float | None, sheep: int) -> "World":
+    """The preset's world, or the one of your own, FILE.py:NAME. Raises `Refusal`."""
+    from skydog.world import loading, presets
+
+    if own is None:
+        return presets.preset(preset, arena, sheep)
+    one_world(preset, own)
+    return presets.make(loading.maker(own), arena, sheep)
+
+
+def one_world(preset: str, own: str | None) -> None:
+    """Raise `Refusal` for a preset and a world of one's own at once."""
+    if own is not None and preset != "paper":
+        raise Refusal(f"--preset {preset} and --world {own} are two worlds; leave one of them out")

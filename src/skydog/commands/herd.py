@@ -1,0 +1,136 @@
+"""`skydog herd`: teach two skills, fuse them into a sheepdog, fly it, and show the result."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skydog.commands.flags import STOPPED, Arena, Json, Out
+from skydog.learning.options import Reward
+
+if TYPE_CHECKING:
+    from skydog.learning.curriculum import Curriculum
+    from skydog.world.mission import Fly
+
+SHOWN_CASE = 15  # the paper shows the trajectories of its 15th case
+
+NOTES = [
+    "All shepherds fly the same cases under the same speed limit, ±1 m/s on each axis.",
+    "Strombom keeps its speed and overshoots its point, as in the 2014 model; Strombom-arrive "
+    "stops there. The paper does not say which of the two its baseline is.",
+    "A mission that fails counts with all 1000 steps. Steps count until every sheep is home and "
+    "the flock gathered; steps (GCM), as the paper counts, until its centre is home.",
+    "The paper does not print its start layouts; these are ours, so its own figures beside are "
+    "for scale, not for a test of equality.",
+]
+
+
+def herd(
+    out: Out = Path("runs/herd"),
+    seed: int = 0,
+    steps: int = 150_000,
+    arena: Arena = 4.0,
+    reward: Reward = "progress",
+    cases: int = 30,
+    resume: bool = False,
+    as_json: Json = False,
+) -> int:
+    """Teach a sheepdog from nothing, and fly it beside the rule dog.
+
+    Trains collect and drive, flies the test cases with the sheepdog and with Strömbom's rule
+    dog, prints the table beside the paper's, and writes a run folder with results.json, the
+    sheepdog, figures, and report.html with an animated replay. Ctrl-C keeps what was learnt.
+
+    Example: skydog herd --out runs/mine --seed 3
+
+    Args:
+        out: The run folder.
+        seed: Of the networks, the lessons' starts and the noise.
+        steps: Of training, for each of the two skills.
+        arena: Side of the arena in metres, for the lessons and the test.
+        reward: How a lesson pays; `paper` is the paper's ±0.1.
+        cases: Missions that each shepherd flies.
+        resume: Continue an interrupted run, bit for bit.
+        as_json: Print the results as JSON instead of a table.
+    """
+    from skydog.commands import console
+    from skydog.learning.curriculum import Curriculum
+    from skydog.study import evaluate
+
+    curriculum = Curriculum(arena=arena, reward=reward, steps=steps)
+    command = console.command_line()
+    results = run(out, curriculum, seed, cases, resume, command, evaluate.fly)
+    if results is None:
+        return STOPPED
+    console.show(results, as_json)
+    return 0
+
+
+def run(
+    out: Path,
+    curriculum: "Curriculum",
+    seed: int,
+    count: int,
+    resume: bool,
+    command: str,
+    fly: "Fly",
+) -> dict[str, Any] | None:
+    """Do the main job into a run folder; return its rows of figures, or None if it was stopped.
+
+    `fly` flies the missions. Raises `Refusal` for an `out` that cannot be written and for
+    parameters that cannot be.
+    """
+    from skydog import files
+    from skydog.commands import console, training
+    from skydog.shepherds import store
+    from skydog.shepherds.strombom import Strombom
+    from skydog.study import evaluate, report
+    from skydog.study.cases import cases
+    from skydog.view import figures, replay
+    from skydog.world import trace as traces
+    from skydog.world.mission import MAX_STEPS
+
+    world = curriculum.world()
+    starts = cases(world, count, "paper", sheep=curriculum.sheep)
+    # A finished run is replaced, as by any other make; one that was interrupted is work to lose.
+    if not resume and not (out / "results.json").exists():
+        training.refuse_to_overwrite([out])
+    out = files.folder(out)
+    console.say(f"Teaching collect and drive from nothing, {curriculum.steps:,} steps each:")
+    if not training.train_all(training.jobs(curriculum, out, seed, resume)):
+        return training.stopped(command)
+    sheepdog, histories = training.fuse(curriculum, out, seed)
+
+    console.say(f"Flying {count} cases with each shepherd ...")
+    shepherds = (sheepdog, Strombom(), Strombom(at_point="arrive"))
+    flown = {
+        evaluate.scenario(shepherd, world): fly(world, shepherd, starts, MAX_STEPS, None)
+        for shepherd in shepherds
+    }
+    results = {name: evaluate.row(trace) for name, trace in flown.items()}
+    ours = next(iter(results))
+    card = training.card(curriculum, seed, command, {ours: results[ours]})
+    store.save(out / store.FILE, sheepdog, card)
+    report.write(out, results)
+    files.write_text(out / "results.md", report.markdown(report.rows(results)))
+
+    console.say("Drawing the figures and the report ...")
+    shown_case = min(SHOWN_CASE, count)
+    shown = {name: evaluate.one_case(trace, shown_case - 1) for name, trace in flown.items()}
+    for name, trace in shown.items():
+        traces.save(out / "traces" / f"{name}.safetensors", trace, name)
+    curves = figures.learning_curves({skill: [h.curve()] for skill, h in histories.items()})
+    paths = figures.trajectories(shown)
+    figures.save(curves, out / "learning_curves")
+    figures.save(paths, out / "trajectories")
+    page = report.report(
+        rows=report.rows(results),
+        figures={
+            "Learning curves: reward per action in every 10 episodes": figures.svg(curves),
+            f"Case {shown_case}, flown by each shepherd": figures.svg(paths),
+        },
+        player=replay.player(shown),
+        command=command,
+        notes=NOTES,
+    )
+    files.write_text(out / "report.html", page)
+    console.say(f"Everything is in {out}; open {out / 'report.html'} in a browser.")
+    return results

@@ -1,0 +1,33 @@
+"""`skydog presets`: the named worlds and their values."""
+
+import json
+
+from skydog.commands.flags import Json
+
+
+def presets(as_json: Json = False) -> int:
+    """List the named sets of parameters, with their values in SI units.
+
+    Example: skydog presets --json
+
+    Args:
+        as_json: Print them as JSON instead of a table.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from skydog.world import presets, serialise
+
+    values = {name: serialise.flatten(presets.preset(name)) for name in presets.PRESETS}
+    if as_json:
+        print(json.dumps(values, indent=2))
+        return 0
+    table = Table("Parameter", *values, title="Presets (metres, seconds, m/s)")
+    names = dict.fromkeys(name for preset in values.values() for name in preset)
+    for name in sorted(names, key=lambda name: name.split(".")[0] != "flock"):
+        table.add_row(name, *(str(preset.get(name, "—")) for preset in values.values()))
+    console = Console()
+    console.print(table)
+    for name, preset in presets.PRESETS.items():
+        console.print(f"[bold]{name}[/]: {(preset.__doc__ or '').splitlines()[0]}")
+    return 0

@@ -1,0 +1,32 @@
+"""`skydog replay`: show missions again, as a page, a GIF or an MP4."""
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from skydog.errors import Refusal
+
+
+def replay(
+    traces: Positional[Annotated[tuple[Path, ...], arg(metavar="TRACE")]],
+    out: Annotated[Path, arg(aliases=["-o"], metavar="FILE")] = Path("replay.html"),
+) -> int:
+    """Show missions again: an animated page for the browser, a GIF or an MP4.
+
+    Example: skydog replay runs/herd/traces/H-DDPG-4x4.safetensors -o flock.mp4
+
+    Args:
+        traces: Missions, as skydog herd and skydog test --out write them.
+        out: The page; or, by its ending, .gif or .mp4, a film of the missions side by side.
+    """
+    from skydog.view import replay as view
+    from skydog.world import trace
+
+    if not traces:
+        raise Refusal("replay needs a trace; try skydog replay runs/herd/traces/*.safetensors")
+    stems = [path.stem for path in traces]
+    named = {path.stem if stems.count(path.stem) == 1 else str(path): path for path in traces}
+    view.save(out, {name: trace.load(path)[0] for name, path in named.items()})
+    print(out)
+    return 0

@@ -1,0 +1,111 @@
+"""`skydog reproduce`: train the paper's study, fly all of it, and hold it against the paper."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skydog.commands.flags import STOPPED, Json, Out
+from skydog.errors import Refusal
+
+if TYPE_CHECKING:
+    from skydog.commands.zoo import Plan
+    from skydog.study.scenarios import Trained
+    from skydog.world.mission import Fly
+    from skydog.world.trace import Trace
+
+
+def reproduce(
+    out: Out = Path("runs/reproduce"),
+    seeds: int = 8,
+    episodes: int = 3_000,
+    from_zoo: bool = False,
+    as_json: Json = False,
+) -> int:
+    """Regenerate the paper's simulation study beside its own numbers.
+
+    Trains every sheepdog of the study, flies the paper's eight scenarios and more, and writes
+    report.html and results.json with every table, figure and claim, and a verdict on each.
+    Stopped by Ctrl-C, it continues where it was when it is called again.
+
+    Example: skydog reproduce --from-zoo
+
+    Args:
+        out: The run folder.
+        seeds: Sheepdogs of each kind.
+        episodes: Of each skill's lessons; the paper has 3000.
+        from_zoo: Train nothing; fly the sheepdogs that ship.
+        as_json: Print the results as JSON instead of a table.
+    """
+    for name, value in (("seeds", seeds), ("episodes", episodes)):
+        if value < 1:
+            raise Refusal(f"there are at least 1 {name}, got {value}; try --{name} 8")
+    from skydog.commands import console
+    from skydog.commands.zoo import Plan
+    from skydog.study import evaluate, report, reproduction
+
+    results = run(out, Plan(seeds, episodes), from_zoo, console.command_line(), evaluate.fly)
+    if results is None:
+        return STOPPED
+    if as_json:
+        print(json.dumps(results, indent=2))
+    else:
+        console.print_table(report.table(reproduction.rows(results)))
+    return 0
+
+
+def run(out: Path, plan: "Plan", from_zoo: bool, command: str, fly: "Fly") -> dict[str, Any] | None:
+    """Do the study into a run folder, and return its results; None if it was stopped.
+
+    What was trained in the folder before is not trained again; `fly` flies the missions. Raises
+    `Refusal` for an `out` that cannot be written or that holds trainings of another kind.
+    """
+    from skydog import files
+    from skydog.commands import console, training, zoo
+    from skydog.study import scenarios
+
+    out = files.folder(out)
+    if from_zoo:
+        trained = zoo.read()
+    else:
+        todo = plan.jobs(out)
+        console.say(f"Training {len(todo)} skills, a core each; Ctrl-C keeps what was learnt:")
+        if not training.train_all(todo):
+            return training.stopped(command, resumes=True)
+        console.say("Choosing the sheepdogs that fly ...")
+        trained = zoo.fuse(plan, out, fly)
+    results, shown = scenarios.fly_all(trained, fly, console.track)
+    if not from_zoo:
+        zoo.write(out / "zoo", plan, trained, results["rows"])
+    write(out, results, trained, shown, command)
+    console.say(f"Everything is in {out}; open {out / 'report.html'} in a browser.")
+    return results
+
+
+def write(
+    out: Path, results: dict[str, Any], trained: "Trained", shown: "dict[str, Trace]", command: str
+) -> None:
+    """Write results.json, report.html, the document of the claims, figures and traces."""
+    from skydog import files
+    from skydog.study import report, reproduction, scenarios
+    from skydog.view import figures, replay
+    from skydog.world import trace as traces
+
+    report.write(out, results)
+    files.write_text(out / "reproduces.md", reproduction.document(results, command))
+    drawn = {
+        "learning_curves": figures.learning_curves(scenarios.curves(trained, papers=False)),
+        "learning_curves_paper": figures.learning_curves(scenarios.curves(trained, papers=True)),
+        "trajectories": figures.trajectories(shown),
+        "transfer": figures.transfer(results["transfer"]),
+    }
+    for name, figure in drawn.items():
+        figures.save(figure, out / name)
+    for name, trace in shown.items():
+        traces.save(out / "traces" / f"{name}.safetensors", trace, name)
+    page = reproduction.page(
+        results,
+        {name: figures.svg(figure) for name, figure in drawn.items()},
+        replay.player(shown),
+        command,
+    )
+    files.write_text(out / "report.html", page)

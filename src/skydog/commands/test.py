@@ -1,0 +1,118 @@
+"""`skydog test`: fly a shepherd through cases, and print how good it is."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import Positional, arg
+
+from skydog.commands.flags import Json, MaybeArena, MaybeOut, OwnWorld, Preset, world_of
+from skydog.errors import Refusal
+from skydog.shepherds.options import AtPoint
+from skydog.study.options import Starts
+
+if TYPE_CHECKING:
+    from jaxtyping import PRNGKeyArray
+
+    from skydog.world.mission import Fly, Shepherd
+    from skydog.world.params import World
+    from skydog.world.state import State
+
+MOST_STEPS = 10_000_000  # of a mission: far more than any needs, and int32 counts them
+
+
+def test(
+    shepherd: Positional[Annotated[str, arg(metavar="SHEEPDOG|strombom")]],
+    preset: Preset = "paper",
+    world: OwnWorld = None,
+    arena: MaybeArena = None,
+    sheep: int = 3,
+    dogs: int = 1,
+    cases: int = 30,
+    starts: Starts = "paper",
+    seed: int = 0,
+    steps: int = 1000,
+    at_point: AtPoint = "constant",
+    out: MaybeOut = None,
+    every: int = 1,
+    as_json: Json = False,
+) -> int:
+    """Fly a shepherd through test cases, and print how good it is.
+
+    A sheepdog is named by its file, its run folder, or its name among those that ship, such as
+    h-ddpg-4x4; flown in an arena other than the one it learnt in, it scales what it sees and
+    does by ξ, as in the paper.
+
+    Example: skydog test runs/herd --arena 6 --cases 1000 --starts random
+
+    Args:
+        shepherd: A sheepdog's file, run folder or name, or the rule dog, strombom.
+        preset: The world of the missions; see skydog presets.
+        world: A world of your own instead: a file of Python, which is run, and the name in it
+            of a world, or of a function of arena and sheep that makes one. See docs/own.md.
+        arena: Side of the arena in metres; the world's own if not given.
+        sheep: Sheep in the flock.
+        dogs: Dogs, which all fly the same shepherd.
+        cases: How many missions.
+        starts: `paper` varies where the dogs start, `random` where the sheep do too.
+        seed: Of the starts and of the noise.
+        steps: Of a mission, at most; one that is not over by then has failed.
+        at_point: Whether strombom keeps its speed at its point, or stops there.
+        out: Where to write results.json and a trace per mission, if given.
+        every: With --out, record the sheep at every so many steps: of 10, a tenth of the file.
+        as_json: Print the results as JSON instead of a table.
+    """
+    from skydog.commands import console
+    from skydog.shepherds import store
+    from skydog.shepherds.strombom import Strombom
+    from skydog.study import cases as draws
+    from skydog.study import evaluate
+
+    where = world_of(preset, world, arena, sheep)
+    if not 1 <= steps <= MOST_STEPS:
+        raise Refusal(f"a mission has 1 to {MOST_STEPS:,} steps, got {steps}; try --steps 1000")
+    if every < 1:
+        raise Refusal(f"the sheep are recorded every 1 step or more, got {every}; try --every 10")
+    rule = shepherd == "strombom"
+    steers = Strombom(at_point=at_point) if rule else store.load(shepherd)
+    name = evaluate.scenario(steers, where)
+    if world is not None:
+        name += f"-{world.rpartition(':')[2]}"
+    drawn = draws.cases(where, cases, starts, seed, sheep, dogs)
+    key = evaluate.noise_key(where, seed)
+    # The metrics need the sheep at the start and at the end alone; a trace's file shows more.
+    fly = partial(evaluate.fly, every=None if out is None else every)
+    results = run(name, steers, where, drawn, steps, key, out, fly)
+    as_paper = (preset, world, starts, dogs) == ("paper", None, "paper", 1)
+    console.show(results, as_json, as_paper)
+    return 0
+
+
+def run(
+    name: str,
+    shepherd: "Shepherd",
+    world: "World",
+    starts: "State",
+    steps: int,
+    key: "PRNGKeyArray | None",
+    out: Path | None,
+    fly: "Fly",
+) -> dict[str, Any]:
+    """Fly a shepherd from every start; return the row of figures by its name.
+
+    `fly` flies the missions. With `out`, the results and every mission's trace are written there.
+    """
+    from skydog import files
+    from skydog.study import evaluate, report
+    from skydog.world import trace as traces
+
+    if out is not None:
+        files.folder(out)
+    flown = fly(world, shepherd, starts, steps, key)
+    results = {name: evaluate.row(flown)}
+    if out is not None:
+        report.write(out, results)
+        for case in range(len(starts.sheep)):
+            path = out / "traces" / f"{name}-{case + 1}.safetensors"
+            traces.save(path, evaluate.one_case(flown, case), name)
+    return results

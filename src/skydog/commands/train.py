@@ -1,0 +1,121 @@
+"""`skydog train`: teach one sheepdog, or several at once, and test each."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skydog.commands.flags import STOPPED, Json, MaybeArena, Out, OwnWorld, Preset, one_world
+from skydog.errors import Refusal
+from skydog.learning.options import Learner, Reward
+
+if TYPE_CHECKING:
+    from skydog.learning.curriculum import Curriculum
+    from skydog.world.mission import Fly
+
+CASES = 30  # missions that test a sheepdog
+
+
+def train(
+    out: Out = Path("runs/train"),
+    seed: int = 0,
+    seeds: int = 1,
+    steps: int = 150_000,
+    preset: Preset = "paper",
+    world: OwnWorld = None,
+    arena: MaybeArena = None,
+    sheep: int = 3,
+    learner: Learner = "ddpg",
+    reward: Reward = "progress",
+    resume: bool = False,
+    tensorboard: bool = False,
+    as_json: Json = False,
+) -> int:
+    """Teach one sheepdog, or several at once, and test each.
+
+    Every sheepdog is two trainings, collect and drive, and every training has a core of its
+    own. Its folder holds learning curves as CSV, checkpoints, and at the end the sheepdog.
+    Ctrl-C keeps what was learnt, and --resume continues bit for bit.
+
+    Example: skydog train --seeds 8 --out runs/eight
+
+    Args:
+        out: The run folder; of several sheepdogs each has its own in it, such as seed-3.
+        seed: Of the first sheepdog.
+        seeds: How many sheepdogs, one per seed.
+        steps: Of training, for each of the two skills.
+        preset: The world of the lessons; see skydog presets.
+        world: A world of your own instead: a file of Python, which is run, and the name in it
+            of a world, or of a function of arena and sheep that makes one. See docs/own.md.
+        arena: Side of the arena in metres; the world's own if not given.
+        sheep: Sheep in the flock.
+        learner: `ddpg` makes the paper's H-DDPG; `dqn` its predecessor DHRL, of four actions.
+        reward: How a lesson pays; `paper` is the paper's ±0.1.
+        resume: Continue an interrupted run, bit for bit.
+        tensorboard: Write the curves for TensorBoard too, in the run folder.
+        as_json: Print the results as JSON instead of a table.
+    """
+    from skydog.commands import console
+    from skydog.learning.curriculum import Curriculum
+    from skydog.study import evaluate
+
+    one_world(preset, world)
+    curriculum = Curriculum(preset, arena, sheep, reward, steps, learner, own_world=world)
+    command = console.command_line()
+    results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)
+    if results is None:
+        return STOPPED
+    console.show(results, as_json, as_paper=(preset, world) == ("paper", None))
+    return 0
+
+
+def run(
+    out: Path,
+    curriculum: "Curriculum",
+    seed: int,
+    count: int,
+    resume: bool,
+    tensorboard: bool,
+    command: str,
+    fly: "Fly",
+) -> dict[str, Any] | None:
+    """Teach `count` sheepdogs, test each, and return the rows of figures; None if it was stopped.
+
+    `fly` flies the missions of the test. Raises `Refusal` for an `out` that cannot be written or
+    that holds trainings already, unless they are to be resumed.
+    """
+    from skydog import files
+    from skydog.commands import console, training
+    from skydog.shepherds import store
+    from skydog.study import evaluate, report
+    from skydog.study.cases import PAPER_LAYOUT, cases
+    from skydog.world.mission import MAX_STEPS
+
+    if count < 1:
+        raise Refusal(f"there is at least 1 sheepdog to teach, got {count}; try --seeds 8")
+    world = curriculum.world()
+    seeds = range(seed, seed + count)
+    folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
+    if not resume:
+        training.refuse_to_overwrite(folders.values())
+    write = console.tensorboard(out / "tensorboard") if tensorboard else None
+    out = files.folder(out)
+    console.say(f"Teaching {count} x 2 skills, {curriculum.steps:,} steps each:")
+    todo = [
+        job
+        for seed, folder in folders.items()
+        for job in training.jobs(curriculum, folder, seed, resume)
+    ]
+    if not training.train_all(todo, write):
+        return training.stopped(command)
+    results = {}
+    drawn = "paper" if curriculum.sheep == len(PAPER_LAYOUT) else "random"
+    starts = cases(world, CASES, drawn, sheep=curriculum.sheep)
+    for seed, folder in folders.items():
+        sheepdog, _ = training.fuse(curriculum, folder, seed)
+        flown = fly(world, sheepdog, starts, MAX_STEPS, evaluate.noise_key(world, 0))
+        name, row = curriculum.dog, evaluate.row(flown)
+        card = training.card(curriculum, seed, command, {name: row})
+        store.save(folder / store.FILE, sheepdog, card)
+        results[f"{name}, seed {seed}" if count > 1 else name] = row
+    report.write(out, results)
+    console.say(f"Everything is in {out}.")
+    return results

@@ -1,0 +1,12 @@
+"""The options of a training, spelled once. Free to import."""
+
+from typing import Literal
+
+Skill = Literal["collect", "drive"]
+"""The two lessons, and what each teaches."""
+
+Learner = Literal["ddpg", "dqn"]
+"""What learns a skill: a module of `skydog.learning`. A sheepdog learnt by DQN is DHRL."""
+
+Reward = Literal["progress", "paper"]
+"""How a lesson pays: see `skydog.learning.lessons.Lesson`."""

@@ -1,0 +1,6 @@
+"""The options of shepherds, spelled once. Free to import."""
+
+from typing import Literal
+
+AtPoint = Literal["constant", "arrive"]
+"""What the rule dog does at its point: see `skydog.shepherds.strombom.Strombom`."""

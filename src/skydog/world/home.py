@@ -1,0 +1,26 @@
+"""Which way is home: by default the straight line to the goal."""
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from skydog.world import herding
+from skydog.world.params import Way, World
+from skydog.world.vectors import norm, unit
+
+
+class StraightHome(eqx.Module):
+    """Straight to the goal; a sheep strays by its distance to the GCM, and is pushed to it.
+
+    Strömbom et al. 2014; paper, "Problem Formulation".
+    """
+
+    def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
+        """Who strays, whither to push, and where to drive. Positions in metres."""
+        centre = herding.gcm(sheep)
+        home = herding.goal(world.arena) - centre
+        return Way(
+            drive=unit(home),
+            distance=norm(home),
+            stray=norm(sheep - centre),
+            push=unit(centre - sheep),
+        )

@@ -1,0 +1,161 @@
+"""Presets: named worlds, every value with its source."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import equinox as eqx
+
+from skydog.errors import Refusal
+from skydog.world.end import AllHome
+from skydog.world.home import StraightHome
+from skydog.world.laws.literal import LiteralFlock
+from skydog.world.laws.paper import PaperFlock
+from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.limits import AnyDirection, PerAxis
+from skydog.world.params import Arena, Dog, Sheep, World, check
+from skydog.world.spread import SquareRootSpread, TwoThirdsSpread
+
+
+def paper(arena: float = 4.0, sheep: int = 3) -> World:
+    """Nguyen et al. 2020 (arXiv 2004.11543), Table "Parameters in setups".
+
+    What the paper leaves open is filled from its authors' group (El-Fiqi et al. 2020) and
+    from Strömbom et al. 2014, and marked so.
+    """
+    scale = max(1.0, math.sqrt(sheep / 3))
+    return World(
+        flock=PaperFlock(
+            avoidance=1.0,  # paper, Table "setups": R_ππ
+            # paper, Table "setups": R_πβ, for its N = 3. From five sheep on the driving point is
+            # further from the flock's centre than that: sight grows as the flock does (ours).
+            sensing=2.0 * scale,
+            inertia=0.5,  # not in the paper; Strömbom 2014 (h), El-Fiqi 2020
+            grouping=1.05,  # not in the paper; Strömbom 2014 (c), El-Fiqi 2020
+            escape=1.0,  # not in the paper; Strömbom 2014 (ρ_s), El-Fiqi 2020
+            # El-Fiqi 2020. The paper's table prints "W_ππ 0.5 (m)", in metres: see `paper-w05`.
+            repulsion=2.0,
+        ),
+        sheep=Sheep(speed=0.5),  # paper, Table "setups": V_UGVs
+        dog=Dog(
+            speed=1.0,  # paper, "Action and state space": [-1, 1] m/s on each axis
+            driving=1.0,  # paper, "Problem Formulation": R_ππ √N behind the flock
+            collecting=1.0,  # paper, "Problem Formulation": R_ππ behind the stray
+            airspace=1.4,  # not in the paper; its authors' laboratory code, 2019
+            stall=0.0,  # Strömbom's 3 R_ππ is 3 m here and would stall the dog for good
+            limits=PerAxis(),  # paper, "Action and state space"
+        ),
+        arena=Arena(
+            size=arena,  # paper, "Experimental setups": 4 and 6 m
+            # paper, Table "setups": 𝔻, for its N = 3. Ten sheep, a metre apart, do not fit in
+            # the quarter disc that lies in the arena: the goal grows as the flock does (ours).
+            goal_radius=2.0 * scale,
+            dt=0.1,  # paper, Table "setups"; the goal (0, 0) is from the laboratory code
+        ),
+        # paper, Table "setups": f(N) = 1.3 m, for its N = 3 (Eq. 7 would give 2.08 m).
+        spread=TwoThirdsSpread(length=1.3 / 3 ** (2 / 3)),
+        home=StraightHome(),  # paper, "Problem Formulation"
+        end=AllHome(),  # paper, Eq. 12
+    )
+
+
+def paper_w05(arena: float = 4.0, sheep: int = 3) -> World:
+    """The `paper` preset with the paper's printed W_ππ = 0.5 (Table "Parameters in setups")."""
+    return eqx.tree_at(lambda w: w.flock.repulsion, paper(arena, sheep), 0.5)
+
+
+def paper_literal(arena: float = 4.0, sheep: int = 3) -> World:
+    """The `paper` preset with the paper's Eq. 6 as printed: forces that are not normalised."""
+    world = paper(arena, sheep)
+    return replace(world, flock=LiteralFlock(**vars(world.flock)))
+
+
+def strombom2014(arena: float = 150.0, sheep: int = 3) -> World:
+    """Strömbom et al. 2014 (J. R. Soc. Interface 11), for a flock of any size.
+
+    Its units are a step and "about a metre"; one step is one second here.
+    """
+    spread = TwoThirdsSpread(length=2.0)  # f(N) = r_a N^(2/3)
+    return World(
+        flock=StrombomFlock(
+            avoidance=2.0,  # r_a
+            sensing=65.0,  # r_s
+            inertia=0.5,  # h
+            grouping=1.05,  # c
+            escape=1.0,  # ρ_s
+            repulsion=2.0,  # ρ_a
+            noise=0.3,  # e
+            graze=0.05,  # p
+            neighbours=None,  # n = N - 1, the largest that the paper studies
+        ),
+        sheep=Sheep(speed=1.0),  # δ
+        dog=Dog(
+            speed=1.5,  # δ_s
+            driving=2.0,  # r_a √N behind the flock
+            collecting=2.0,  # r_a behind the stray
+            airspace=arena,  # the original dog knows no walls; ours keeps numbers finite
+            stall=6.0,  # 3 r_a
+            limits=AnyDirection(),
+        ),
+        arena=_strombom_arena(arena, spread.radius(sheep)),
+        spread=spread,
+        home=StraightHome(),
+        end=AllHome(),
+    )
+
+
+def strombom2014_sqrt(arena: float = 150.0, sheep: int = 3) -> World:
+    """The `strombom2014` preset with El-Fiqi's f(N) = r_a √(2N): for hundreds of sheep and more.
+
+    N^(2/3) outgrows a real flock, so that a scattered flock of 1,000 counts as gathered.
+    """
+    spread = SquareRootSpread(length=2.0)  # El-Fiqi et al. 2020
+    return replace(
+        strombom2014(arena, sheep),
+        spread=spread,
+        arena=_strombom_arena(arena, spread.radius(sheep)),
+    )
+
+
+def _strombom_arena(size: float, gathered: float) -> Arena:
+    # Arrival within 10 of the target, there for the centre of mass; a flock that fills a wider
+    # circle, of radius f(N), needs a wider goal (ours).
+    return Arena(size=size, goal_radius=max(10.0, gathered), dt=1.0)
+
+
+PRESETS: dict[str, Callable[..., World]] = {
+    "paper": paper,
+    "paper-w05": paper_w05,
+    "paper-literal": paper_literal,
+    "strombom2014": strombom2014,
+    "strombom2014-sqrt": strombom2014_sqrt,
+}
+
+
+def preset(name: str = "paper", arena: float | None = None, sheep: int = 3) -> World:
+    """A world by the name of its preset, for `sheep` sheep in an arena of `arena` metres.
+
+    An arena of None is the preset's own. Raises `Refusal` for an unknown name, an
+    arena that is not wider than the goal, or a flock of fewer than one sheep.
+    """
+    if name not in PRESETS:
+        raise Refusal(f"no preset is called {name!r}; choose from {', '.join(PRESETS)}")
+    return make(PRESETS[name], arena, sheep)
+
+
+def make(maker: Callable[..., World], arena: float | None = None, sheep: int = 3) -> World:
+    """The world that a function of `arena` and `sheep` makes, as the presets are.
+
+    An arena of None is the function's own. Raises `Refusal` as `preset` does, and for a law
+    without its methods.
+    """
+    if sheep < 1:
+        raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
+    world = check(maker(sheep=sheep) if arena is None else maker(arena=arena, sheep=sheep))
+    radius = world.arena.goal_radius
+    if not radius < world.arena.size < math.inf:
+        raise Refusal(
+            f"arena must be longer than {radius:g} m (the goal disc), got {world.arena.size}; "
+            f"try --arena {2 * radius:g}"
+        )
+    return world

@@ -1,0 +1,210 @@
+"""A world as plain values by dotted name, for a file that other tools read; and back again."""
+
+import math
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from skydog.errors import Refusal
+from skydog.world.end import AllHome
+from skydog.world.home import StraightHome
+from skydog.world.laws.literal import LiteralFlock
+from skydog.world.laws.paper import PaperFlock
+from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.limits import AnyDirection, PerAxis
+from skydog.world.params import Arena, Dog, Sheep, World
+from skydog.world.spread import FixedSpread, SquareRootSpread, TwoThirdsSpread
+from skydog.world.vectors import PerSheep
+
+LARGEST = 1e9  # of a world's parameters in a file: far from where float32 overflows
+MOST_SHEEP = 1_000_000  # numbers of a parameter that each sheep has its own of
+LONGEST_NAME = 200  # characters of the name of a law of one's own
+OWN = "own: "  # how the name of a law begins that is none of ours
+
+PARTS: dict[str, Any] = {"sheep": Sheep, "dog": Dog, "arena": Arena}
+"""The parts of a world that are always of one kind."""
+
+LAWS: dict[str, dict[str, Any]] = {
+    "flock": {"paper": PaperFlock, "literal": LiteralFlock, "strombom2014": StrombomFlock},
+    "dog.limits": {"per axis": PerAxis, "any direction": AnyDirection},
+    "spread": {
+        "N^(2/3)": TwoThirdsSpread,
+        "sqrt(2N)": SquareRootSpread,
+        "fixed": FixedSpread,
+    },
+    "home": {"straight line": StraightHome},
+    "end": {"all home and gathered": AllHome},
+}
+"""The laws that a world may carry in each place, by the name that stands in a file."""
+
+Plain = float | int | bool | str | list[float] | None
+
+
+class UnknownLaw(eqx.Module):
+    """A law of somebody's own, read from a file: its name and what is known of it.
+
+    A file is never executed, so that the law itself cannot be had from it.
+    """
+
+    name: str = eqx.field(static=True)
+    sensing: PerSheep | None = None  # of a flock: how far its sheep see a dog, metres
+
+    def force(self, *_: Any) -> Any:
+        """Raise `Refusal`, as every method of a law does here."""
+        raise Refusal(
+            f"{self.name} is a law that no file can hold; fly it in its own world, "
+            "with --world FILE.py:NAME"
+        )
+
+    limit = fastest = radius = way = accomplished = force
+
+
+def flatten(world: World, sheep: int | None = None) -> dict[str, Plain]:
+    """The parameters by dotted name, `flock.escape` and so on, and the name of each law.
+
+    Of a law of one's own its name and its numbers stand there; of an own f(N) its value for
+    `sheep` sheep, if their number is given.
+    """
+    values: dict[str, Plain] = {}
+    for place in ("flock", "sheep", "dog", "arena", "spread", "home", "end"):
+        _flatten(values, place, getattr(world, place))
+    if sheep is not None and str(values["spread.law"]).startswith(OWN):
+        fixed = FixedSpread(float(world.spread.radius(sheep)))
+        values = {name: value for name, value in values.items() if not name.startswith("spread.")}
+        _flatten(values, "spread", fixed)
+    return values
+
+
+def unflatten(values: dict[str, Any]) -> World:
+    """The inverse of `flatten`. Raises `Refusal` if a name is missing, unknown or no number.
+
+    A law that is none of ours comes back as an `UnknownLaw`. Worlds of files that were written
+    before worlds carried their laws are read too.
+    """
+    values = _upgraded(values)
+    dog = {"limits": _law(values, "dog.limits")}
+    return World(
+        flock=_law(values, "flock"),
+        sheep=_module(values, "sheep", Sheep),
+        dog=_module(values, "dog", Dog, dog),
+        arena=_module(values, "arena", Arena),
+        spread=_law(values, "spread"),
+        home=_law(values, "home"),
+        end=_law(values, "end"),
+    )
+
+
+def own_name(law: object) -> str:
+    """The name in files of a law that is none of ours."""
+    kind = type(law)
+    return f"{OWN}{kind.__module__}.{kind.__qualname__}"[:LONGEST_NAME]
+
+
+def _flatten(values: dict[str, Plain], place: str, part: Any) -> None:
+    if place in LAWS:
+        if isinstance(part, UnknownLaw):
+            values[f"{place}.law"] = part.name
+            if part.sensing is not None:
+                values[f"{place}.sensing"] = _plain(part.sensing)
+            return
+        ours = {kind: name for name, kind in LAWS[place].items()}
+        values[f"{place}.law"] = ours.get(type(part)) or own_name(part)
+    for field in fields(part):
+        name, value = f"{place}.{field.name}", getattr(part, field.name)
+        if name in LAWS:
+            _flatten(values, name, value)
+        elif value is None or isinstance(value, bool | int | float):
+            values[name] = value if value is None or not isinstance(value, float) else float(value)
+        elif isinstance(value, jax.Array | np.ndarray) and value.ndim < 2:
+            values[name] = _plain(value)
+
+
+def _plain(value: Any) -> Plain:
+    return np.asarray(value, np.float64).tolist()
+
+
+def _law(values: dict[str, Any], place: str) -> Any:
+    name = values.get(f"{place}.law")
+    if name in LAWS[place]:
+        return _module(values, place, LAWS[place][name], named="law")
+    if not isinstance(name, str) or not name.startswith(OWN) or len(name) > LONGEST_NAME:
+        raise Refusal(
+            f"no law {place} of this version of skydog is called {name!r:.60}; "
+            f"it knows {', '.join(LAWS[place])}"
+        )
+    printable = "".join(letter for letter in name if letter.isprintable())
+    sensing = values.get(f"{place}.sensing")
+    return UnknownLaw(printable, _value(f"{place}.sensing", sensing, PerSheep))
+
+
+def _module(
+    values: dict[str, Any],
+    place: str,
+    kind: Callable[..., Any],
+    made: dict[str, Any] | None = None,
+    named: str | None = None,
+) -> Any:
+    """The part of a world in a place: `made` holds what is made already."""
+    made = made or {}
+    known = {field.name: field.type for field in fields(kind)}  # pyright: ignore[reportArgumentType]
+    there = {
+        name.removeprefix(f"{place}.")
+        for name in values
+        if name.startswith(f"{place}.") and name.removeprefix(f"{place}.").split(".")[0] not in made
+    } - {named}
+    if there != set(known) - set(made):
+        odd = ", ".join(f"{place}.{name}" for name in sorted(there ^ (set(known) - set(made))))
+        raise Refusal(f"world parameters missing, or unknown to this version of skydog: {odd}")
+    return kind(
+        **made,
+        **{
+            name: _value(f"{place}.{name}", values[f"{place}.{name}"], known[name])
+            for name in there
+        },
+    )
+
+
+def _value(name: str, value: Any, kind: Any) -> Any:
+    """The value of a parameter, checked. Raises `Refusal`."""
+    if isinstance(value, list) and kind == PerSheep and 1 <= len(value) <= MOST_SHEEP:
+        if all(_number(one) for one in value):
+            return np.asarray(value, np.float32)
+    elif name == "flock.neighbours":
+        if value is None or (type(value) is int and 1 <= value <= MOST_SHEEP):
+            return value
+    elif _number(value) or (value is None and name == "flock.sensing"):
+        return value
+    raise Refusal(f"{value!r:.60} is no value for the world parameter {name}")
+
+
+def _number(value: Any) -> bool:
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    return plain and math.isfinite(value) and abs(value) <= LARGEST
+
+
+def _upgraded(values: dict[str, Any]) -> dict[str, Any]:
+    """The values as they are written today: before, the flock held what is now a law's choice."""
+    if "flock.literal_forces" not in values:
+        return values
+    values = dict(values)
+    literal, per_axis = values.pop("flock.literal_forces"), values.pop("dog.per_axis", None)
+    for name, value in (("flock.literal_forces", literal), ("dog.per_axis", per_axis)):
+        if not isinstance(value, bool):
+            raise Refusal(f"{value!r:.60} is no value for the world parameter {name}")
+    values["flock.law"] = "literal" if literal else "strombom2014"
+    if literal:
+        for name in ("flock.graze", "flock.neighbours"):
+            values.pop(name, None)
+    values["dog.limits.law"] = "per axis" if per_axis else "any direction"
+    for old, new in (("flock.speed", "sheep.speed"), ("flock.spread", "spread.length")):
+        if old in values:
+            values[new] = values.pop(old)
+    return values | {
+        "spread.law": "N^(2/3)",
+        "home.law": "straight line",
+        "end.law": "all home and gathered",
+    }
