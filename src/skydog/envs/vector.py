@@ -96,7 +96,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
             seeds = [counted + world for world in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise Refusal(f"{self.num_envs} worlds take as many seeds, got {len(seeds)}")
-        # At first all worlds are begun, whatever the mask: of those outside it, nothing is returned.
+        # The first time all worlds are reset, whatever the mask: the others are just not reported.
         for world in np.flatnonzero(again | first):
             given = seeds[world]
             if given is None and not first:

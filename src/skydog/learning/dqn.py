@@ -39,7 +39,7 @@ class Config:
 
 
 class Randomness(eqx.Module):
-    """The randomness of one step: whether to explore, the values to explore by, and which memories are drawn."""
+    """The randomness of one step: whether to explore, by which values, and what is replayed."""
 
     explore: Float[Array, "*batch"]
     values: Float[Array, "*batch actions"]

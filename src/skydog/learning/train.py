@@ -200,7 +200,7 @@ def train(
 ) -> tuple[Training, History]:
     """Train until `steps` steps or `episodes` episodes are done, or `callback` returns False.
 
-    `callback` is called with a `Progress` after each chunk. With a `folder`, everything is kept there:
+    `callback` gets a `Progress` after each chunk. With a `folder`, everything is kept there:
     `checkpoint.safetensors` (networks, optimisers, memory, episode; every 20,000 steps and at
     the end) and `curve.csv`. `card` says what is trained; `resume` continues a checkpoint of
     the same card, bit for bit, and starts anew where there is none. Raises `Refusal` for a

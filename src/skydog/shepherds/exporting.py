@@ -145,17 +145,19 @@ def model(sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> "ModelProto
     ]
     graph = GRAPH.replace("SKILLS", "\n    ".join(skills))
     graph = graph.replace("STRETCHED", _stretched(sheepdog.drive.stretches and xi != 1.0))
-    for place, law, lines in (
+    laws: tuple[tuple[str, object, dict[Any, str]], ...] = (
         ("SPREAD", world.spread, SPREADS),
         ("HOME", world.home, HOMES),
         ("LIMITED", world.dog.limits, LIMITS),
-    ):
-        if type(law) not in lines:
+    )
+    for place, law, lines in laws:
+        kind: Any = type(law)
+        if kind not in lines:
             raise Refusal(
                 f"an ONNX file holds the laws that ship with skydog, not {own_name(law)}; "
                 "export for a world of a preset"
             )
-        graph = graph.replace(place, lines[type(law)])
+        graph = graph.replace(place, lines[kind])
     made: onnx.ModelProto = parser.parse_model(graph)
     used = {name for node in made.graph.node for name in node.input}
     made.graph.initializer.extend(

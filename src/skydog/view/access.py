@@ -87,6 +87,7 @@ def address_of(host: str, port: int) -> str:
 
 
 def no_address(host: str, port: int, error: OSError) -> Refusal:
+    """What to say when an address cannot be listened at."""
     if error.errno == errno.EADDRINUSE:
         other = port + 1 if port < 65535 else 8020
         return Refusal(f"port {port} is taken; try --port {other}")

@@ -62,10 +62,9 @@ def serve(
 ) -> None:
     """Serve the live view until Ctrl-C. `ready` hears its address as soon as it listens.
 
-    Pages choose among `shepherds` and `worlds` by name, and begin with the `chosen` shepherd and the
-    `preset`. A port of 0 is any
-    that is free. Raises `Refusal` for a world that cannot be, and for an address that cannot
-    be listened at.
+    Pages choose among `shepherds` and `worlds` by name, and begin with the `chosen` shepherd and
+    the `preset`. A port of 0 is any that is free. Raises `Refusal` for a world that cannot be, and
+    for an address that cannot be listened at.
     """
 
     async def run() -> None:

@@ -1,7 +1,7 @@
 """The session of one page of the live view: its choices, its world, and the flights in it.
 
-It is pure: `update` takes a message of the page, `advance` lets time pass, and `view` is what the page
-is sent.
+It is pure: `update` takes a message of the page, `advance` lets time pass, and `view` is what the
+page is sent.
 """
 
 import math
@@ -52,7 +52,7 @@ class Settings:
 
 
 class Control(eqx.Module):
-    """What the player does: whom the pointer holds and where, in metres, and how the player flies."""
+    """What the player does: whom the pointer holds and where, in metres, and how the dog flies."""
 
     dog: Int[Array, ""]  # the one held; -1 is none
     sheep: Int[Array, ""]

@@ -13,17 +13,16 @@ def _pushes(sheep, radius):
     """For each of `sheep` (float32, N by 2) the sum of unit vectors away from those near it.
 
     Near a sheep are those within its own `radius` (float32, N). The sheep are sorted into square
-    cells at least as wide as the greatest radius, so that those near a sheep lie
-    in its own cell and the eight around it. Every neighbour is looked at, however many share a
-    cell. The same for any number of threads.
+    cells at least as wide as the greatest radius, so that they lie in its own cell and the eight
+    around it. Every neighbour is looked at, however many share a cell. The same for any number of
+    threads.
     """
     count = len(sheep)
     low_x, low_y = sheep[:, 0].min(), sheep[:, 1].min()
     wide, high = sheep[:, 0].max() - low_x, sheep[:, 1].max() - low_y
     # Wide enough too that the grid has no more cells than SPARSE a sheep in each direction.
-    width = max(
-        radius.max(), math.sqrt(wide * high / (SPARSE * count)), (wide + high) / (SPARSE * count)
-    )
+    width = max(math.sqrt(wide * high / (SPARSE * count)), (wide + high) / (SPARSE * count))
+    width = max(radius.max(), width)
     width = max(width, np.float32(1e-30))
     columns, rows = int(wide / width) + 1, int(high / width) + 1
 

@@ -29,7 +29,7 @@ class Limits(Protocol):
 
 
 class PerAxis(eqx.Module):
-    """Each component within ±speed (paper, "Action and state space"): √2 times as fast diagonally."""
+    """Each component within ±speed (paper, "Action and state space"): faster diagonally."""
 
     def limit(self, velocity: Float[Array, "*batch 2"], speed: Scalar) -> Float[Array, "*batch 2"]:
         """Each component cut to ±speed."""

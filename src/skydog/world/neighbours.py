@@ -19,8 +19,9 @@ BLOCK = 64  # sheep whose pairs with all others are in memory at a time, where c
 def pushes(sheep: Float[Array, "sheep 2"], radius: PerSheep) -> Float[Array, "sheep 2"]:
     """For each sheep the sum of unit vectors away from every other within `radius` metres.
 
-    With a radius per sheep, each is pushed by those within its own. Chooses the fastest means: all pairs up to `ALL_PAIRS` sheep; beyond that cells, on a CPU
-    with numba; else all pairs, block by block.
+    With a radius per sheep, each is pushed by those within its own. Chooses the fastest means:
+    all pairs up to `ALL_PAIRS` sheep; beyond that cells, on a CPU with numba; else all pairs,
+    block by block.
     """
     column(radius, len(sheep))  # refuses a shape that would broadcast along the wrong axis
     if len(sheep) <= A_FEW:

@@ -126,9 +126,7 @@ def traced(tree: Tree) -> Tree:
     """
 
     def array(leaf: object) -> object:
-        number = isinstance(leaf, float) or (
-            isinstance(leaf, np.ndarray) and leaf.dtype.kind in "fi"
-        )
+        number = isinstance(leaf, float | np.ndarray) and np.asarray(leaf).dtype.kind in "fi"
         return jnp.asarray(leaf, jnp.float32) if number else leaf
 
     return jax.tree.map(array, tree)

@@ -14,7 +14,7 @@ from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import Arena, Dog, Sheep, World, check
-from skydog.world.spread import SquareRootSpread, TwoThirdsSpread
+from skydog.world.spread import Spread, SquareRootSpread, TwoThirdsSpread
 
 
 def paper(arena: float = 4.0, sheep: int = 3) -> World:
@@ -97,7 +97,7 @@ def strombom2014(arena: float = 150.0, sheep: int = 3) -> World:
             stall=6.0,  # 3 r_a
             limits=AnyDirection(),
         ),
-        arena=_strombom_arena(arena, spread.radius(sheep)),
+        arena=_strombom_arena(arena, spread, sheep),
         spread=spread,
         home=StraightHome(),
         end=AllHome(),
@@ -113,14 +113,14 @@ def strombom2014_sqrt(arena: float = 150.0, sheep: int = 3) -> World:
     return replace(
         strombom2014(arena, sheep),
         spread=spread,
-        arena=_strombom_arena(arena, spread.radius(sheep)),
+        arena=_strombom_arena(arena, spread, sheep),
     )
 
 
-def _strombom_arena(size: float, gathered: float) -> Arena:
+def _strombom_arena(size: float, spread: Spread, sheep: int) -> Arena:
     # Arrival within 10 of the target, there for the centre of mass; a flock that fills a wider
     # circle, of radius f(N), needs a wider goal (ours).
-    return Arena(size=size, goal_radius=max(10.0, gathered), dt=1.0)
+    return Arena(size=size, goal_radius=max(10.0, float(spread.radius(sheep))), dt=1.0)
 
 
 PRESETS: dict[str, Callable[..., World]] = {

@@ -171,7 +171,7 @@ def save(path: Path, trace: Trace, shepherd: str) -> None:
 def load(path: Path) -> tuple[Trace, str]:
     """Read one mission and who flew it. Raises `Refusal` for a file that is no trace."""
     arrays, card = files.load_arrays(path, KIND, LARGEST)
-    parts = list(_REQUIRED)
+    parts: list[str] = [*_REQUIRED]
     for optional in (_THINNED, _POSES):
         parts += optional if any(name in arrays for name in optional) else ()
     thinned = "recorded" in parts
