@@ -1,9 +1,8 @@
-"""What every study must have written and told."""
+"""What every study must have written."""
 
 import json
 
-from skydog import reproduce
-from skydog.study import claims, paper
+from skydog.study import claims, paper, scenarios
 
 
 def assert_whole(out, results):
@@ -11,10 +10,10 @@ def assert_whole(out, results):
     assert results["rows"].keys() == paper.SCENARIOS.keys()
     for name, row in results["rows"].items():
         assert row["n"] == 30
-        assert row["hard"]["cases"] == 1000
+        assert row["random"]["cases"] == 1000
         assert row["paper"] == paper.PRINTED[name]
         assert row["verdict"] in ("reproduced", "better", "not reproduced")
-        for cases in (row["ours"], row["hard"]):
+        for cases in (row["ours"], row["random"]):
             for metric in ("steps", "distance", "cumulative_reward", "error_per_step", "turn"):
                 low, high = cases[metric]["ci95"]
                 assert low <= cases[metric]["mean"] <= high
@@ -25,4 +24,4 @@ def assert_whole(out, results):
     assert "{{" not in page
     for figure in ("learning_curves", "learning_curves_paper", "trajectories", "transfer"):
         assert (out / f"{figure}.png").stat().st_size > 10_000
-    assert {path.stem for path in (out / "traces").iterdir()} == set(reproduce.SHOWN)
+    assert {path.stem for path in (out / "traces").iterdir()} == set(scenarios.SHOWN)

@@ -11,13 +11,14 @@ from pathlib import Path
 import jax
 import pytest
 
-from skydog import teaching, words
+from skydog.commands import training
 from skydog.errors import Refusal
 from skydog.learning import ddpg, lessons, train, workers
-from skydog.learning.course import Course
-from skydog.world.params import preset
+from skydog.learning.curriculum import Curriculum
+from skydog.learning.options import Skill
+from skydog.world.presets import preset
 
-COURSE = Course(steps=2_000)
+CURRICULUM = Curriculum(steps=2_000)
 SKYDOG = [sys.executable, "-m", "skydog.cli"]
 
 
@@ -57,18 +58,18 @@ def test_a_run_folder_holds_everything(run):
         "report.html",
         "results.json",
         "results.md",
-        *(f"{s}/{f}" for s in teaching.SKILLS for f in ("checkpoint.safetensors", "curve.csv")),
+        *(f"{s}/{f}" for s in training.SKILLS for f in ("checkpoint.safetensors", "curve.csv")),
         *(f"traces/{name}.safetensors" for name in printed),
     }
 
 
-@pytest.mark.parametrize("skill", teaching.SKILLS)
+@pytest.mark.parametrize("skill", training.SKILLS)
 def test_a_worker_teaches_what_is_taught_in_process_with_its_seed(run, skill):
     out, _ = run
     task = lessons.Lesson(preset("paper", 4.0), skill)
     seed = 1 if skill == "drive" else 0
-    here, _ = train.train(task, ddpg.Config(), seed, COURSE.steps)
-    sheepdog, histories = teaching.fuse(COURSE, out, 0)
+    here, _ = train.train(task, ddpg.Config(), seed, CURRICULUM.steps)
+    sheepdog, histories = training.fuse(CURRICULUM, out, 0)
     assert len(histories[skill].length) == 40
     for mine, theirs in zip(
         jax.tree.leaves(here.agent.skill), jax.tree.leaves(getattr(sheepdog, skill)), strict=True
@@ -88,18 +89,18 @@ def test_a_sheepdog_that_was_written_is_flown_again_to_the_same_figures(run):
 # Workers
 
 
-def a_job(folder: Path, skill: words.Skill = "drive", **options) -> workers.Job:
-    return workers.Job(Course(steps=2_000, **options), skill, 0, folder / skill)
+def a_job(folder: Path, skill: Skill = "drive", **options) -> workers.Job:
+    return workers.Job(Curriculum(steps=2_000, **options), skill, 0, folder / skill)
 
 
 def test_both_trainings_report_and_finish(tmp_path):
-    jobs = [a_job(tmp_path, skill) for skill in teaching.SKILLS]
-    heard = []
-    assert workers.run(jobs, heard.append)
+    jobs = [a_job(tmp_path, skill) for skill in training.SKILLS]
+    messages = []
+    assert workers.run(jobs, messages.append)
     for job in jobs:
-        steps = [n.progress.step for n in heard if n.job == job and n.progress]
+        steps = [m.progress.step for m in messages if m.job == job and m.progress]
         assert steps == [1_000, 2_000]
-        assert [n.ended for n in heard if n.job == job and n.ended] == ["done"]
+        assert [m.ended for m in messages if m.job == job and m.ended] == ["done"]
 
 
 def test_a_job_that_is_refused_is_refused_here_too(tmp_path):
@@ -109,10 +110,10 @@ def test_a_job_that_is_refused_is_refused_here_too(tmp_path):
 
 def test_a_listener_that_fails_ends_the_workers_too(tmp_path):
     code = (
-        "from pathlib import Path; from skydog.learning import course, workers\n"
-        "def fails(news): raise OSError('disk full')\n"
+        "from pathlib import Path; from skydog.learning import curriculum, workers\n"
+        "def fails(message): raise OSError('disk full')\n"
         "if __name__ == '__main__':\n"
-        "    job = workers.Job(course.Course(steps=10**9), 'drive', 0, Path('drive'))\n"
+        "    job = workers.Job(curriculum.Curriculum(steps=10**9), 'drive', 0, Path('drive'))\n"
         "    workers.run([job], fails)\n"
     )
     (tmp_path / "main.py").write_text(code)
@@ -157,10 +158,10 @@ def interrupted(out: Path, *options: str) -> tuple[int, str]:
 
 def steps_done(out: Path) -> list[int]:
     done = []
-    for job in teaching.jobs(COURSE, out, 0, resume=True):
+    for job in training.jobs(CURRICULUM, out, 0, resume=True):
         if not train.checkpoint_in(job.folder).exists():
             continue  # one core: it waits for the other
-        task = lessons.Lesson(COURSE.world(), job.skill)
+        task = lessons.Lesson(CURRICULUM.world(), job.skill)
         blank = train.init(task, ddpg.Config(), jax.random.key(0))
         done.append(int(train.load(job.folder, blank, job.card)[0].step))
     return done

@@ -2,59 +2,59 @@
 
 import numpy as np
 import pytest
-
-from skydog import reproduce
-from skydog.errors import Refusal
-from skydog.reproduce import Plan
-from skydog.shepherds import store
-from skydog.study import transfer
-from skydog.study.reproduction import NATIVE, SCALED, UNSCALED
 from studies import assert_whole
+
+from skydog.commands import console, reproduce, training, zoo
+from skydog.commands.zoo import Plan
+from skydog.errors import Refusal
+from skydog.shepherds import store
+from skydog.study import evaluate, scenarios, transfer
+from skydog.study.reproduction import NATIVE, SCALED, UNSCALED
 
 SMALL = Plan(seeds=1, episodes=20)
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory):
+def study(tmp_path_factory):
     """A study of very short trainings, in few arenas: its folder and results."""
     out = tmp_path_factory.mktemp("study")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(transfer, "ARENAS", (4.0, 5.0, 6.0))
-        patch.setattr(reproduce, "CHOSEN_IN", dict.fromkeys(reproduce.CHOSEN_IN, (4.0,)))
-        patch.setattr(reproduce, "CHOSEN_BY", 2)
-        yield out, reproduce.reproduce(out, SMALL, False, "skydog reproduce --seeds 1")
+        patch.setattr(zoo, "CHOSEN_IN", dict.fromkeys(zoo.CHOSEN_IN, (4.0,)))
+        patch.setattr(zoo, "CHOSEN_BY", 2)
+        yield out, reproduce.run(out, SMALL, False, "skydog reproduce --seeds 1", evaluate.fly)
 
 
-def test_every_scenario_is_trained_flown_and_told(trained):
-    out, results = trained
+def test_every_scenario_is_trained_flown_and_told(study):
+    out, results = study
     assert_whole(out, results)
     assert results["transfer"].keys() == {SCALED, UNSCALED, NATIVE}
     assert all(line.keys() == {"4", "5", "6"} for line in results["transfer"].values())
 
 
-def test_what_was_trained_is_not_trained_again(trained):
-    out, results = trained
+def test_what_was_trained_is_not_trained_again(study):
+    out, results = study
     checkpoints = {
         path: path.stat().st_mtime_ns for path in out.rglob("trainings/**/checkpoint.safetensors")
     }
-    assert len(checkpoints) == 2 * (len(SMALL.courses()) + 1)
-    taught = reproduce.fuse(SMALL, out)
-    again, _ = reproduce.fly_all(taught)
+    assert len(checkpoints) == 2 * (len(SMALL.curricula()) + 1)
+    trained = zoo.fuse(SMALL, out, evaluate.fly)
+    again, _ = scenarios.fly_all(trained, evaluate.fly, console.track)
     assert again["rows"] == results["rows"]
     assert {path: path.stat().st_mtime_ns for path in checkpoints} == checkpoints
 
 
-def test_another_plan_in_the_same_folder_trains_on_but_never_another_kind(trained):
-    out, _ = trained
+def test_another_plan_in_the_same_folder_trains_on_but_never_another_kind(study):
+    out, _ = study
     folder = out / "trainings" / "H-DDPG-4x4" / "seed-0"
-    course = SMALL.course(4.0, one_scale=True)
+    curriculum = SMALL.curriculum(4.0, one_scale=True)
     with pytest.raises(Refusal, match="one_scale"):
-        reproduce.teaching.fuse(course, folder, 0)
+        training.fuse(curriculum, folder, 0)
 
 
-def test_the_zoo_is_what_the_study_wrote(trained):
-    out, results = trained
-    for name in reproduce.CHOSEN_IN:
+def test_the_zoo_is_what_the_study_wrote(study):
+    out, results = study
+    for name in zoo.CHOSEN_IN:
         dog, card = store.read(out / "zoo" / f"{name.lower()}.safetensors")
         assert card["name"] == name
         assert card["command"] == "skydog reproduce --seeds 1 --episodes 20"
@@ -69,8 +69,8 @@ def test_learning_curves_survive_their_table(trained, tmp_path):
         "a drive": [(episodes, np.array([0.25, -0.5, 0.125])), (episodes[:1], np.array([0.5]))],
         "b collect": [(episodes[:2], np.array([1.0, 2.0]))],
     }
-    (tmp_path / "curves.csv").write_text(reproduce._curves_as_csv(curves))
-    again = reproduce._read_curves(tmp_path / "curves.csv")
+    (tmp_path / "curves.csv").write_text(zoo._curves_as_csv(curves))
+    again = zoo._read_curves(tmp_path / "curves.csv")
     assert again.keys() == curves.keys()
     for name, seeds in curves.items():
         for one, other in zip(seeds, again[name], strict=True):

@@ -47,12 +47,12 @@ def test_a_seed_tells_all_that_follows_over_several_episodes():
 def test_dogs_that_fly_the_rule_herd_as_a_rollout_does():
     env: Any = envs.herd_parallel_v0(dogs=3, sheep=6, arena=8.0)
     env.reset(seed=1)
-    world, start = env.game.world, env._played.episode.state
+    world, start = env.task.world, env._env.episode.state
     trace = mission.rollout(world, skydog.Strombom(), start, 40)
     for _ in range(40):
-        velocity = skydog.Strombom()(world, env._played.episode.state) / world.dog.speed
+        velocity = skydog.Strombom()(world, env._env.episode.state) / world.dog.speed
         env.step(dict(zip(env.agents, np.asarray(velocity), strict=True)))
-    end = env._played.episode.state
+    end = env._env.episode.state
     np.testing.assert_allclose(end.sheep, trace.sheep[-1], atol=1e-3)
     np.testing.assert_allclose(end.dogs, trace.dogs[-1], atol=1e-3)
 

@@ -12,7 +12,7 @@ from gymnasium.wrappers import RecordEpisodeStatistics
 
 import skydog
 import skydog.envs
-from skydog.envs import games
+from skydog.envs import tasks
 from skydog.errors import Refusal
 from skydog.study import metrics
 from skydog.world import mission
@@ -35,9 +35,9 @@ def flown(env, shepherd, seed):
     inner = env.unwrapped
     rewards, infos = [], []
     while True:
-        state = inner.game.seen(inner._played.episode)[0]
-        velocity = shepherd(inner.game.world, state)[0]
-        action = np.asarray(velocity / inner.game.world.dog.speed)
+        state = inner.task.perceived(inner._env.episode)[0]
+        velocity = shepherd(inner.task.world, state)[0]
+        action = np.asarray(velocity / inner.task.world.dog.speed)
         _, reward, terminated, truncated, info = env.step(action)
         rewards.append(reward)
         infos.append(info)
@@ -50,15 +50,15 @@ def test_a_mission_is_the_rollout_of_the_same_start_noise_included(preset):
     env = make("skydog/Herd-v0", preset=preset, max_episode_steps=60)
     inner = env.unwrapped
     env.reset(seed=5)
-    before = inner._played.episode
+    before = inner._env.episode
     shepherd = skydog.Strombom()
     key = before.key if preset == "strombom2014" else None
-    trace = mission.rollout(inner.game.world, shepherd, before.state, 60, key)
+    trace = mission.rollout(inner.task.world, shepherd, before.state, 60, key)
     _, infos, terminated = flown(env, shepherd, 5)
     assert terminated == bool(metrics.success(trace))
     assert infos[-1]["steps"] == int(metrics.steps(trace))
     assert infos[-1]["distance"] == pytest.approx(float(metrics.distance(trace)), rel=1e-4)
-    np.testing.assert_allclose(inner._played.episode.state.sheep, trace.sheep[-1], atol=1e-3)
+    np.testing.assert_allclose(inner._env.episode.state.sheep, trace.sheep[-1], atol=1e-3)
 
 
 def test_a_sheepdog_that_ships_herds_through_its_observation_alone():
@@ -91,11 +91,11 @@ def test_a_mission_pays_a_shepherd_more_than_chance():
 def test_the_rewards_of_a_mission_add_up_to_what_was_to_do_less_the_time():
     env = make("skydog/Herd-v0")
     env.reset(seed=2)
-    game, start = env.unwrapped.game, env.unwrapped._played.episode.state
+    task, start = env.unwrapped.task, env.unwrapped._env.episode.state
     rewards, infos, _ = flown(env, skydog.Strombom(), 2)
-    end = env.unwrapped._played.episode.state
-    gained = game._to_do(start) - game._to_do(end)
-    expected = float(gained) - games.STEP_COST * infos[-1]["steps"] + games.ACCOMPLISHED
+    end = env.unwrapped._env.episode.state
+    gained = task._remaining(start) - task._remaining(end)
+    expected = float(gained) - tasks.STEP_COST * infos[-1]["steps"] + tasks.ACCOMPLISHED
     assert sum(rewards) == pytest.approx(expected, abs=1e-3)
 
 
@@ -249,9 +249,9 @@ def test_a_bad_seed_or_option_changes_nothing_of_what_follows(seed):
 
 @pytest.mark.parametrize("count", [0, 11, 2.5, "3", None, np.nan])
 def test_what_is_no_number_of_things_is_refused_with_the_bounds(count):
-    assert games.whole(np.int64(3), "sheep", 10) == 3
+    assert tasks.count(np.int64(3), "sheep", 10) == 3
     with pytest.raises(Refusal, match=re.escape(f"from 1 to 10, got {count!r}")):
-        games.whole(count, "sheep", 10)
+        tasks.count(count, "sheep", 10)
 
 
 def test_numpys_integers_are_seeds_too():
@@ -274,7 +274,7 @@ def test_step_and_render_before_reset_are_refused():
 def test_a_world_of_your_own_is_herded_in():
     world = skydog.preset("paper", arena=5.0)
     env = make("skydog/Herd-v0", world=world)
-    assert float(env.unwrapped.game.world.arena.size) == 5.0
+    assert float(env.unwrapped.task.world.arena.size) == 5.0
     env.reset(seed=0)
     assert np.isfinite(env.step(STILL)[0]).all()
 
@@ -353,13 +353,13 @@ def test_an_environment_that_has_drawn_can_be_pickled_and_goes_on_alike():
 
 def test_an_unknown_render_mode_names_those_there_are():
     with pytest.raises(UnsupportedMode, match="rgb_array"):
-        skydog.envs.single.Herding(render_mode="smell")  # pyright: ignore
+        skydog.envs.single.HerdingEnv(render_mode="smell")  # pyright: ignore
 
 
 def test_a_lesson_sees_the_world_at_its_own_scale():
     env = make("skydog/Drive-v0", observation="full")
     seen, _ = env.reset(seed=4)
-    episode = env.unwrapped._played.episode
+    episode = env.unwrapped._env.episode
     sheep = np.asarray(episode.state.sheep - episode.state.dogs)
     np.testing.assert_allclose(seen[:6].reshape(3, 2), np.asarray(episode.scale) * sheep, atol=1e-5)
-    assert jax.tree.leaves(env.unwrapped.game.lesson.scales) == [0.1, 1.4]
+    assert jax.tree.leaves(env.unwrapped.task.lesson.scales) == [0.1, 1.4]

@@ -77,7 +77,7 @@ def test_worlds_stepped_together_do_what_each_does_by_itself(name, mode, options
 
 def test_the_native_worlds_are_what_make_vec_picks():
     worlds = gymnasium.make_vec("skydog/Drive-v0", num_envs=1024)
-    assert type(worlds).__name__ == "Herdings"
+    assert type(worlds).__name__ == "HerdingVectorEnv"
     seen, _ = worlds.reset(seed=0)
     assert seen.shape == (1024, 4)
     assert worlds.observation_space.contains(seen)

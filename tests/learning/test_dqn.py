@@ -88,15 +88,15 @@ def test_target_and_skill_follow_the_network():
 
 
 def test_of_four_actions_the_one_of_the_highest_value_is_chosen():
-    chooser = GreedyQ(3, 2, (5,), jax.random.key(0))
+    network = GreedyQ(3, 2, (5,), jax.random.key(0))
     for place, action in enumerate(ACTIONS):
-        assert chooser.best(jnp.eye(4)[place]).tolist() == action
-        assert chooser.which(jnp.array(action, jnp.float32)).tolist() == [
+        assert network.best(jnp.eye(4)[place]).tolist() == action
+        assert network.which(jnp.array(action, jnp.float32)).tolist() == [
             place == other for other in range(4)
         ]
     seen = jax.random.normal(jax.random.key(1), (20, 3))
-    chosen = np.argmax(np.asarray(chooser.values(seen)), axis=1)
-    assert chooser(seen).tolist() == [ACTIONS[place] for place in chosen]
+    chosen = np.argmax(np.asarray(network.values(seen)), axis=1)
+    assert network(seen).tolist() == [ACTIONS[place] for place in chosen]
 
 
 @pytest.mark.parametrize(
@@ -107,8 +107,8 @@ def test_the_share_of_random_actions_falls_to_its_least(updates, epsilon):
     agent = replace(dqn.init(jax.random.key(0), 3, 2, config), updates=jnp.asarray(updates))
     seen = jnp.array([0.3, -0.2, 0.5])
     keys = jax.random.split(jax.random.key(1), 4_000)
-    chances = jax.vmap(lambda key: dqn.draw(key, 2, config))(keys)
-    actions = jax.vmap(lambda drawn: dqn.explore(agent, seen, config, drawn)[1])(chances)
+    draws = jax.vmap(lambda key: dqn.draw(key, 2, config))(keys)
+    actions = jax.vmap(lambda drawn: dqn.explore(agent, seen, config, drawn)[1])(draws)
     greedy = np.all(np.asarray(actions) == np.asarray(agent.network(seen)), axis=1)
     assert greedy.mean() == pytest.approx(1 - 0.75 * epsilon, abs=0.03)
 

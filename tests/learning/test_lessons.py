@@ -12,7 +12,8 @@ from skydog.learning.lessons import Episode, Lesson
 from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world import herding, mission
-from skydog.world.params import preset
+from skydog.world.presets import preset
+from skydog.world.state import start
 
 WORLD = preset("paper", 4.0)
 SIX = preset("paper", 6.0)
@@ -51,7 +52,7 @@ def to_the_subgoal(lesson, episode):
 
 def an_episode(sheep, dog, scale=1.0):
     return Episode(
-        state=mission.start(jnp.array(sheep, jnp.float32), jnp.array([dog], jnp.float32)),
+        state=start(jnp.array(sheep, jnp.float32), jnp.array([dog], jnp.float32)),
         scale=jnp.asarray(scale),
         step=jnp.asarray(0),
         arrived=jnp.asarray(False),
@@ -71,7 +72,7 @@ def test_every_start_is_a_legal_one(world, skill):
     begun = starts(Lesson(world, skill))
     size, edge = world.arena.size, world.dog.airspace
     sheep, dogs = np.asarray(begun.state.sheep), np.asarray(begun.state.dogs)
-    size = np.asarray(size / begun.scale)[:, None, None]  # of the arena that each is lived in
+    size = np.asarray(size / begun.scale)[:, None, None]  # of the arena that each is in
     assert sheep.shape == (STARTS, 3, 2)
     assert dogs.shape == (STARTS, 1, 2)
     assert np.all(sheep >= 0.0)
@@ -94,7 +95,7 @@ def test_starts_differ_and_reach_the_whole_arena_and_every_scale():
     assert begun.scale.max() > 1.3
 
 
-def test_lessons_at_one_scale_are_all_lived_in_the_lessons_own_arena():
+def test_lessons_at_one_scale_are_all_in_the_lessons_own_arena():
     begun = starts(Lesson(WORLD, "collect", scales=(1.0, 1.0)))
     assert np.unique(begun.scale).tolist() == [1.0]
     assert begun.state.sheep.max() <= 4.0
@@ -142,7 +143,7 @@ def test_a_lesson_shows_and_flies_what_a_sheepdog_does_in_an_arena_of_its_scale(
     for key in jax.random.split(jax.random.key(1), 8):
         episode = replace(lesson.start(key), scale=jnp.asarray(xi))
         state = episode.state
-        if bool(herding.gathered(world.flock, state.sheep)) != (skill == "drive"):
+        if bool(herding.gathered(world, state.sheep)) != (skill == "drive"):
             continue
         compared += 1
         seen = lesson.observe(episode)
@@ -202,7 +203,7 @@ def by_hand(sheep, dog, skill, aim):
 def test_progress_pays_metres_gained_on_the_subgoal_and_by_the_flock_less_what_it_costs(
     skill, scene, action
 ):
-    scale = 0.8  # lived in an arena of 5 m
+    scale = 0.8  # in an arena of 5 m
     before = an_episode(*scene, scale)  # pyright: ignore[reportCallIssue]
     after, outcome = step(Lesson(WORLD, skill), before, jnp.array(action))
     sheep, dog = (np.asarray(part, float) for part in (before.state.sheep, before.state.dogs[0]))

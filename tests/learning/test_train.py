@@ -14,7 +14,7 @@ from skydog import files
 from skydog.errors import Refusal
 from skydog.learning import ddpg, dqn, train
 from skydog.learning.lessons import Lesson
-from skydog.world.params import preset
+from skydog.world.presets import preset
 
 LESSON = Lesson(preset("paper", 4.0), "drive")
 CONFIG = ddpg.Config(actor=(8,), critic=(8,), memory=600)
@@ -36,7 +36,7 @@ def stopped(tmp_path):
     """The folder of a training that was stopped at 1545 of 2500 steps."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(train, "CHUNK", 515)
-        run(tmp_path, listen=lambda news: news.step < 1_545)
+        run(tmp_path, callback=lambda progress: progress.step < 1_545)
     return tmp_path
 
 
@@ -210,13 +210,13 @@ def test_the_curve_has_a_row_every_ten_episodes_and_agrees_with_the_history(tmp_
     assert np.allclose(history.reward, 28.0)  # 1 + 2 + ... + 7
 
 
-def test_a_listener_hears_of_every_chunk(monkeypatch, uninterrupted):
+def test_a_callback_hears_of_every_chunk(monkeypatch, uninterrupted):
     monkeypatch.setattr(train, "CHUNK", 1_000)
     heard = []
-    _, history = run(listen=lambda news: heard.append(news) or True)
-    assert [news.step for news in heard] == [1_000, 2_000, 2_500]
-    assert {news.steps for news in heard} == {STEPS}
-    assert [news.episodes for news in heard] == [20, 40, 50]
+    _, history = run(callback=lambda progress: heard.append(progress) or True)
+    assert [progress.step for progress in heard] == [1_000, 2_000, 2_500]
+    assert {progress.steps for progress in heard} == {STEPS}
+    assert [progress.episodes for progress in heard] == [20, 40, 50]
     last = slice(-10, None)
     mean = history.reward[last].sum() / history.length[last].sum()
     assert np.isclose(heard[-1].reward_per_action, mean)
@@ -228,7 +228,7 @@ def test_checkpoints_are_written_on_the_way(monkeypatch, tmp_path):
     monkeypatch.setattr(train, "CHECKPOINT", 1_000)
     sizes = []
     checkpoint = train.checkpoint_in(tmp_path)
-    run(tmp_path, steps=2_000, listen=lambda _: sizes.append(checkpoint.exists()) or True)
+    run(tmp_path, steps=2_000, callback=lambda _: sizes.append(checkpoint.exists()) or True)
     assert sizes == [False, False, True, True]
 
 

@@ -15,13 +15,15 @@ import onnxruntime
 import pytest
 
 from skydog.errors import Refusal
-from skydog.shepherds.networks import Actor
 from skydog.shepherds import exporting, store
+from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, observe, stretched
 from skydog.study.cases import cases
-from skydog.world import herding, mission, params
-from skydog.world.mission import State
-from skydog.world.params import preset
+from skydog.world import herding, mission, serialise
+from skydog.world.limits import AnyDirection
+from skydog.world.presets import preset
+from skydog.world.spread import TwoThirdsSpread
+from skydog.world.state import State
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "numpy_sheepdog.py"
 ACTORS = ("h-ddpg-4x4", "h-ddpg-6x6")
@@ -38,9 +40,11 @@ def world_of(name: str, arena: float | None = None):
     if name != "other":
         return preset(name, arena)
     world = preset("paper", arena)
-    dog = replace(world.dog, per_axis=False, speed=0.8, collecting=0.6, driving=0.7, airspace=0.5)
+    dog = replace(
+        world.dog, limits=AnyDirection(), speed=0.8, collecting=0.6, driving=0.7, airspace=0.5
+    )
     place = replace(world.arena, goal_x=1.0, goal_y=2.5)
-    return replace(world, dog=dog, arena=place, flock=replace(world.flock, spread=0.5))
+    return replace(world, dog=dog, arena=place, spread=TwoThirdsSpread(0.5))
 
 
 @cache
@@ -84,7 +88,7 @@ def flown(sheepdog, world, sheep, dog):
 def decided(world, sheep, flips):
     """Whether a case is further than `TIE` from where it flips, in float64."""
     away = np.linalg.norm(sheep - sheep.mean(axis=1, keepdims=True), axis=-1)
-    radius = world.flock.spread * sheep.shape[1] ** (2 / 3)
+    radius = world.spread.length * sheep.shape[1] ** (2 / 3)
     furthest = np.sort(away, axis=1)
     scattered = furthest[:, -1] > radius
     second = furthest[:, -2] if sheep.shape[1] > 1 else np.full(len(sheep), -np.inf)
@@ -270,7 +274,7 @@ def test_the_file_says_what_it_is_for_which_world_and_in_which_units(written):
     made = onnx.load(written)
     told = {prop.key: prop.value for prop in made.metadata_props}
     assert json.loads(told["card"]) == card()
-    assert params.unflatten(json.loads(told["world"])) == preset("paper", 6.0)
+    assert serialise.unflatten(json.loads(told["world"])) == preset("paper", 6.0)
     assert json.loads(told["observes"]) == list(OBSERVES)
     assert json.loads(told["commands"]) == list(COMMANDS)
     assert "m/s" in told["outputs"]
@@ -351,8 +355,6 @@ def test_the_reader_is_thirty_lines_that_need_numpy_alone(reader):
 
 def test_home_is_home_to_the_last_digit_of_a_float32():
     sheepdog = store.load("h-ddpg-4x4")
-    at_home = [
-        exporting.model(sheepdog, params.preset("paper", arena), {}) for arena in (4.0, 4.00000001)
-    ]
+    at_home = [exporting.model(sheepdog, preset("paper", arena), {}) for arena in (4.0, 4.00000001)]
     operations = [[node.op_type for node in model.graph.node] for model in at_home]
     assert operations[0] == operations[1]

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skydog.shepherds.networks import Actor, Critic, MLP
+from skydog.shepherds.networks import MLP, Actor, Critic
 
 
 def by_hand(layers, x):

@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skydog.shepherds.networks import Actor
 from skydog.shepherds import store
+from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import OBSERVES, Sheepdog, observe
 from skydog.world import herding, mission
-from skydog.world.params import preset
+from skydog.world.limits import AnyDirection, PerAxis
+from skydog.world.presets import preset
 
 FOUR, SIX = preset("paper", 4.0), preset("paper", 6.0)
 GATHERED = [[2.0, 2.0], [2.4, 2.0], [2.0, 2.6]]
@@ -53,7 +54,7 @@ def by_hand(actor, world, state, drives, dog=0):
 @pytest.mark.parametrize("world", [FOUR, SIX], ids=["its own arena", "another"])
 def test_the_gates_skill_is_flown_and_scaled_only_in_another_arena(world, sheep, drives):
     state = at(sheep, DOG)
-    assert bool(herding.gathered(world.flock, state.sheep)) == drives
+    assert bool(herding.gathered(world, state.sheep)) == drives
     actor = TAUGHT_IN_FOUR.drive if drives else TAUGHT_IN_FOUR.collect
     other = TAUGHT_IN_FOUR.collect if drives else TAUGHT_IN_FOUR.drive
     command = TAUGHT_IN_FOUR(world, state)[0]
@@ -69,16 +70,16 @@ def test_what_is_seen_are_the_vectors_to_the_dog_from_centre_and_subgoal():
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.4, 3.0])
-@pytest.mark.parametrize("per_axis", [True, False])
-def test_a_command_uses_the_speed_limit_and_keeps_it(speed, per_axis):
+@pytest.mark.parametrize("limits", [PerAxis(), AnyDirection()])
+def test_a_command_uses_the_speed_limit_and_keeps_it(speed, limits):
     from dataclasses import replace
 
-    world = replace(FOUR, dog=replace(FOUR.dog, speed=speed, per_axis=per_axis))
+    world = replace(FOUR, dog=replace(FOUR.dog, speed=speed, limits=limits))
     loud = Sheepdog(an_actor(0, 30.0), an_actor(1, 30.0), 4.0)
     fastest = 0.0
     for key in jax.random.split(jax.random.key(0), 20):
         command = np.asarray(loud(world, mission.reset(world, key))[0])
-        length = np.abs(command).max() if per_axis else np.linalg.norm(command)
+        length = np.abs(command).max() if limits == PerAxis() else np.linalg.norm(command)
         assert length <= speed * (1 + 1e-6)
         fastest = max(fastest, length)
     assert fastest > 0.95 * speed

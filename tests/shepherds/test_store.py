@@ -10,11 +10,11 @@ from skydog import files
 from skydog.errors import Refusal
 from skydog.learning import ddpg, train
 from skydog.learning.lessons import Lesson
-from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds import store
+from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 from skydog.world import mission
-from skydog.world.params import preset
+from skydog.world.presets import preset
 
 WORLD = preset("paper", 4.0)
 FROM = {"preset": "paper", "seed": 17, "results": {"H-DDPG-4x4 success": 1 / 3}}

@@ -10,7 +10,8 @@ import pytest
 from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics
 from skydog.world import herding, mission
-from skydog.world.params import preset
+from skydog.world.limits import AnyDirection
+from skydog.world.presets import preset
 
 WIDE = preset("paper", 40.0)  # its walls are out of reach of a flock in the middle
 FLOCK = jnp.array([[20.0, 20.0], [20.5, 20.0], [20.0, 20.5]])
@@ -19,7 +20,7 @@ POINT = CENTRE + math.sqrt(3) * CENTRE / np.linalg.norm(CENTRE)  # to be driven 
 
 
 def per_length(world, speed=1.0):
-    return replace(world, dog=replace(world.dog, per_axis=False, speed=speed))
+    return replace(world, dog=replace(world.dog, limits=AnyDirection(), speed=speed))
 
 
 def velocity(shepherd, world, dog):
@@ -35,7 +36,7 @@ def after_one_step(shepherd, world, dog):
 def test_a_dog_far_from_its_point_flies_straight_to_it_at_full_speed(world):
     dog = POINT + np.array([3.0, -4.0])
     flown = velocity(Strombom(), world, dog)
-    full = 1.0 if not world.dog.per_axis else 5 / 4
+    full = 1.0 if world.dog.limits == AnyDirection() else 5 / 4
     np.testing.assert_allclose(flown, full * np.array([-0.6, 0.8]), atol=1e-5)
 
 

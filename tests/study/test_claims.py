@@ -57,15 +57,15 @@ def row(successes, cases=CASES):
 
 def test_the_learnt_dogs_must_all_accomplish_everything():
     rows = {"Strombom-4x4": row(30), "DHRL-4x4": row(30), "H-DDPG-4x4": row(29)}
-    hard = {name: row(990, 1000) for name in rows}
-    learnt, rule = claims.accomplished(rows, hard)
+    random = {name: row(990, 1000) for name in rows}
+    learnt, rule = claims.accomplished(rows, random)
     assert learnt.verdict == "not reproduced"
     assert "H-DDPG-4x4: 29 of 30" in learnt.found
     assert "990 of 1,000" in learnt.found
     assert "Strombom" not in learnt.found
     assert rule.verdict == "reproduced"
     rows["H-DDPG-4x4"] = row(30)
-    assert claims.accomplished(rows, hard)[0].verdict == "reproduced"
+    assert claims.accomplished(rows, random)[0].verdict == "reproduced"
 
 
 @pytest.mark.parametrize(("plain", "verdict"), [(240, "reproduced"), (200, "not reproduced")])

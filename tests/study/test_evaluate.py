@@ -9,8 +9,8 @@ from skydog.shepherds.strombom import Strombom
 from skydog.study import evaluate
 from skydog.study.cases import cases
 from skydog.world import mission
-from skydog.world.mission import Trace
-from skydog.world.params import preset
+from skydog.world.presets import preset
+from skydog.world.trace import Trace
 
 WORLD = preset("paper", 4.0)
 CAP = 10

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from skydog.study import metrics
-from skydog.world.mission import Trace
-from skydog.world.params import preset
+from skydog.world.presets import preset
+from skydog.world.trace import Trace
 
 
 def made_by_hand(centres, dogs, accomplished_at=None, subgoal=None, command=None):

@@ -5,7 +5,7 @@ from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import evaluate, transfer
 from skydog.study.cases import shipped
-from skydog.world.params import preset
+from skydog.world.presets import preset
 
 
 def a_sheepdog(seed=0):
@@ -23,7 +23,7 @@ def test_a_dog_without_xi_flies_in_any_arena_what_its_skills_say():
 
 def test_several_dogs_count_together_in_each_arena():
     dogs = [a_sheepdog(0), a_sheepdog(5)]
-    rows = transfer.sweep(dogs, transfer.scaled, [3.0])
+    rows = transfer.sweep(evaluate.fly, dogs, transfer.scaled, [3.0])
     assert list(rows) == ["3"]
     assert rows["3"]["cases"] == 60
     world = preset("paper", 3.0)

@@ -6,8 +6,9 @@ import jax
 
 from skydog.shepherds.strombom import Strombom
 from skydog.study import cases
-from skydog.world import mission, params
-from skydog.world.mission import Trace
+from skydog.world import mission
+from skydog.world.presets import preset
+from skydog.world.trace import Trace
 
 
 @cache
@@ -22,7 +23,7 @@ def two_dogs_cut_short() -> Trace:
 
 
 def flown(dogs: int, steps: int) -> Trace:
-    world = params.preset("paper")
+    world = preset("paper")
     starts = cases.cases(world, count=1, dogs=dogs)
     state = jax.tree.map(lambda every: every[0], starts)
     return jax.jit(mission.rollout, static_argnums=3)(world, Strombom(), state, steps)

@@ -14,8 +14,8 @@ from skydog.errors import Refusal
 from skydog.study import metrics
 from skydog.view import animation, replay
 from skydog.view.colours import ROLES
-from skydog.world import params
-from skydog.world.mission import Trace
+from skydog.world.presets import preset
+from skydog.world.trace import Trace
 
 
 def shots(content: bytes) -> list[np.ndarray]:
@@ -31,7 +31,7 @@ def shows(picture, role: str, off: int = 0) -> bool:
 
 def circling(steps: int) -> Trace:
     """A mission of so many steps in which a dog flies rounds and nobody arrives."""
-    world = params.preset("paper")
+    world = preset("paper")
     turn = jnp.arange(steps + 1) / 20
     dogs = 2.0 + 1.5 * jnp.stack([jnp.cos(turn), jnp.sin(turn)], axis=-1)[:, None]
     flock = jnp.broadcast_to(jnp.asarray([[3.0, 2.0], [2.5, 3.0], [3.5, 1.0]]), (steps + 1, 3, 2))
@@ -148,8 +148,8 @@ def instant(sheep: int = 3, dogs: int = 1, instants: int = 5):
 
 @pytest.mark.parametrize("pixels", [96, 240, 333, 480, 511])
 def test_a_stage_draws_plain_arrays_as_wide_and_high_as_asked(pixels):
-    draw = animation.stage(params.preset("paper"), 3, 2, pixels)
-    picture = draw(*instant(3, 2), "two dogs")
+    draw = animation.stage(preset("paper"), 3, 2, pixels)
+    picture = draw(*instant(3, 2), "two dogs", 4)
     assert picture.shape == (pixels, pixels, 3)
     assert picture.dtype == np.uint8
     for role in ("sheep", "dog"):
@@ -157,10 +157,10 @@ def test_a_stage_draws_plain_arrays_as_wide_and_high_as_asked(pixels):
 
 
 def test_a_stage_shows_each_role_and_behaviour_in_its_colour():
-    draw = animation.stage(params.preset("paper"), 3, 1)
+    draw = animation.stage(preset("paper"), 3, 1)
     sheep, dogs, subgoal, _ = instant()
     for drives, role, other in ((True, "drive", "collect"), (False, "collect", "drive")):
-        picture = draw(sheep, dogs, subgoal, np.array([drives]), "")
+        picture = draw(sheep, dogs, subgoal, np.array([drives]), "", 4)
         assert shows(picture, role)
         assert not shows(picture, other)
         for always in ("sheep", "dog", "subgoal"):
@@ -168,31 +168,31 @@ def test_a_stage_shows_each_role_and_behaviour_in_its_colour():
 
 
 def test_a_stage_remembers_nothing_and_its_pictures_stay():
-    draw = animation.stage(params.preset("paper"), 3, 1)
+    draw = animation.stage(preset("paper"), 3, 1)
     sheep, dogs, subgoal, drives = instant()
-    first = draw(sheep[:1], dogs[:1], subgoal, drives, "")
+    first = draw(sheep[:1], dogs[:1], subgoal, drives, "", 0)
     kept = first.copy()
-    later = draw(sheep, dogs, subgoal, drives, "")
+    later = draw(sheep, dogs, subgoal, drives, "", 4)
     assert not np.array_equal(first, later)
     np.testing.assert_array_equal(first, kept)
-    np.testing.assert_array_equal(draw(sheep[:1], dogs[:1], subgoal, drives, ""), first)
+    np.testing.assert_array_equal(draw(sheep[:1], dogs[:1], subgoal, drives, "", 0), first)
 
 
-@pytest.mark.parametrize("preset", ["paper", "strombom2014"])
-def test_a_stage_shows_a_dog_beyond_the_walls(preset):
-    world = params.preset(preset)
+@pytest.mark.parametrize("name", ["paper", "strombom2014"])
+def test_a_stage_shows_a_dog_beyond_the_walls(name):
+    world = preset(name)
     size = float(world.arena.size)
     draw = animation.stage(world, 3, 1)
     sheep = np.full((1, 3, 2), size / 2, np.float32)
     beyond = min(float(world.dog.airspace), size / 2)
     for corner in (-beyond, size + beyond):
         dogs = np.full((1, 1, 2), corner, np.float32)
-        assert shows(draw(sheep, dogs, dogs[0], np.array([True]), ""), "dog")
+        assert shows(draw(sheep, dogs, dogs[0], np.array([True]), "", 0), "dog")
 
 
 def test_a_name_is_drawn_as_it_is_written():
-    draw = animation.stage(params.preset("paper"), 3, 1)
-    plain, wicked = (draw(*instant(), title) for title in ("x", r"$\frac$ <b>"))
+    draw = animation.stage(preset("paper"), 3, 1)
+    plain, wicked = (draw(*instant(), title, 4) for title in ("x", r"$\frac$ <b>"))
     assert not np.array_equal(plain, wicked)
 
 

@@ -17,7 +17,7 @@ from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
 from skydog.view import live
 from skydog.view.colours import ROLES
-from skydog.view.game import TOWARD
+from skydog.view.session import TOWARD
 
 client = pytest.importorskip("websockets.sync.client")
 exceptions = pytest.importorskip("websockets.exceptions")
@@ -45,12 +45,12 @@ def test_an_option_out_of_bounds_is_refused_with_the_remedy(wrong, remedy):
         live.opening(SHEPHERDS, **{"chosen": "strombom", **wrong})
 
 
-def test_the_roster_has_the_chosen_sheepdog_first_and_all_that_ship():
+def test_the_policies_have_the_chosen_sheepdog_first_and_all_that_ship():
     path = str(store.ZOO / "dhrl-6x6.safetensors")
-    assert list(live.roster(path))[:2] == [path, "strombom"]
-    assert {"strombom", "strombom-arrive", *store.ships()} < set(live.roster(path))
+    assert list(live.policies(path))[:2] == [path, "strombom"]
+    assert {"strombom", "strombom-arrive", *store.ships()} < set(live.policies(path))
     with pytest.raises(Refusal, match="no sheepdog is called wolf"):
-        live.roster("wolf")
+        live.policies("wolf")
 
 
 # The server, without a browser.
@@ -79,8 +79,8 @@ class Player:
     def __exit__(self, *problem):
         self.connecting.__exit__(*problem)
 
-    def say(self, **order):
-        self.wire.send(json.dumps(order))
+    def say(self, **message):
+        self.wire.send(json.dumps(message))
 
     def hear(self):
         return json.loads(self.wire.recv(timeout=120))
@@ -112,7 +112,7 @@ class Player:
         return True
 
 
-def test_rubbish_is_answered_and_the_game_goes_on(url):
+def test_rubbish_is_answered_and_the_session_goes_on(url):
     with Player(url) as player:
         for message in ("sheep", '{"sheep": 0}', '{"arena": 1.5}', b"\x00\xff"):
             player.wire.send(message)
@@ -137,7 +137,7 @@ def test_a_page_that_goes_away_in_the_middle_takes_nobody_along(url):
         assert stays.plays_on()
 
 
-def test_a_flood_of_orders_leaves_the_others_playing(url):
+def test_a_flood_of_messages_leaves_the_others_playing(url):
     with Player(url) as flooding, Player(url) as good:
         for _ in range(2000):
             flooding.wire.send('{"reset": true, "sheep": 3}')
@@ -145,7 +145,7 @@ def test_a_flood_of_orders_leaves_the_others_playing(url):
         flooding.wire.socket.shutdown(socket.SHUT_RDWR)
 
 
-def test_a_page_hears_of_its_game_again_even_after_a_flood_that_it_did_not_look_at(url):
+def test_a_page_hears_of_its_session_again_even_after_a_flood_that_it_did_not_look_at(url):
     with Player(url) as player:
         told = [player.hear() for _ in range(live.AHEAD)]
         for _ in range(2 * live.PENDING):
@@ -155,7 +155,7 @@ def test_a_page_hears_of_its_game_again_even_after_a_flood_that_it_did_not_look_
         assert player.plays_on()
 
 
-def test_the_moves_of_a_hand_in_a_row_are_the_latest_and_none_is_let_go_unheard():
+def test_the_moves_of_a_pointer_in_a_row_are_the_latest_and_none_is_let_go_unheard():
     inbox = live.Inbox()
     for at in range(200):
         inbox.put({"hold": ("dog", 0, (float(at), 0.0))})
@@ -163,7 +163,7 @@ def test_the_moves_of_a_hand_in_a_row_are_the_latest_and_none_is_let_go_unheard(
     inbox.put({"hold": ("dog", 0, (1.0, 1.0))})
     inbox.put({"fly": (TOWARD, (1.0, 1.0))})
     inbox.put({})
-    held = [order.get("hold") for order in inbox.take()]
+    held = [message.get("hold") for message in inbox.take()]
     assert held == [("dog", 0, (199.0, 0.0)), None, ("dog", 0, (1.0, 1.0)), None]
 
 

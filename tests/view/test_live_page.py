@@ -1,7 +1,7 @@
 """The page of the live view, in a browser.
 
-What is told of a place or a step is told of a paused game, which goes on when it is told to, in a
-page without motion, which shows what it has heard.
+What is told of a place or a step is told of a paused session, which goes on when it is told to, in
+a page without motion, which shows what it has heard.
 """
 
 from urllib.parse import urlsplit

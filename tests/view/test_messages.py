@@ -3,8 +3,11 @@ import json
 import pytest
 
 from skydog.errors import Refusal
-from skydog.view.game import ALONG, HOVER, TOWARD
-from skydog.view.orders import parsed
+from skydog.view.messages import parse
+from skydog.view.session import ALONG, HOVER, TOWARD
+from skydog.world.presets import PRESETS
+
+WORLDS = list(PRESETS)
 
 RUBBISH = (
     "",
@@ -55,7 +58,7 @@ RUBBISH = (
 @pytest.mark.parametrize("message", RUBBISH)
 def test_rubbish_is_refused_in_a_line(message):
     with pytest.raises(Refusal) as refused:
-        parsed(message, ["strombom"])
+        parse(message, ["strombom"], WORLDS)
     assert len(str(refused.value)) < 250
     assert "\n" not in str(refused.value)
 
@@ -71,5 +74,5 @@ def test_rubbish_is_refused_in_a_line(message):
         ({"fly": {"toward": [3.5, 0]}}, {"fly": (TOWARD, (3.5, 0.0))}),
     ],
 )
-def test_an_order_is_what_it_says(said, meant):
-    assert parsed(json.dumps(said), ["strombom"]) == meant
+def test_a_message_is_what_it_says(said, meant):
+    assert parse(json.dumps(said), ["strombom"], WORLDS) == meant

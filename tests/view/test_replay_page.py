@@ -59,7 +59,8 @@ def test_a_page_holds_the_mission_to_the_millimetre_up_to_its_end(trace):
         assert np.shape(shown[name]) == (instants, *whole.shape[1:])
         np.testing.assert_allclose(shown[name], whole[:instants], atol=0.501e-3)
     np.testing.assert_array_equal(shown["drives"], trace.drives[:instants])
-    assert shown["accomplished"] == bool(metrics.success(trace))
+    assert shown["ending"] == ("accomplished" if metrics.success(trace) else "out of time")
+    assert shown["step"] == list(range(instants))
     assert len(shown["flown"]) == instants
     assert shown["flown"][-1] == pytest.approx(float(metrics.distance(trace)), abs=1e-3)
     low, high = shown["extent"]

@@ -1,3 +1,5 @@
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
@@ -8,61 +10,73 @@ from skydog.errors import Refusal
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics
-from skydog.view.game import ALONG, TOWARD, Settings, new, shown, told, turn, with_preset
-from skydog.world import mission, params
+from skydog.view.session import (
+    ALONG,
+    TOWARD,
+    Settings,
+    advance,
+    new,
+    update,
+    view,
+    with_preset,
+)
+from skydog.world import mission
+from skydog.world.presets import PRESETS, preset
 
 SHEPHERDS = {"strombom": Strombom(), "h-ddpg-4x4": store.load("h-ddpg-4x4")}
 
 
 def begun(policy="strombom"):
-    return turn(new(with_preset(Settings(policy), "paper")), SHEPHERDS, 0)
+    return advance(new(with_preset(Settings(policy), "paper")), SHEPHERDS, 0)
 
 
-def places(game, flight=0):
-    state = game.flights[flight].state
+def places(session, flight=0):
+    state = session.flights[flight].state
     return np.asarray(state.sheep), np.asarray(state.dogs)
 
 
 @pytest.mark.parametrize("policy", SHEPHERDS)
-def test_turns_fly_a_mission_as_rollout_does(policy):
-    game = begun(policy=policy)
-    state = game.flights[0].state
-    trace = mission.rollout(params.preset("paper"), SHEPHERDS[policy], state, 45)
+def test_a_session_flies_a_mission_as_rollout_does(policy):
+    session = begun(policy=policy)
+    state = session.flights[0].state
+    trace = mission.rollout(preset("paper"), SHEPHERDS[policy], state, 45)
     for steps in (1, 3, 0, 41):
-        game = turn(game, SHEPHERDS, steps)
-    sheep, dogs = places(game)
+        session = advance(session, SHEPHERDS, steps)
+    sheep, dogs = places(session)
     np.testing.assert_allclose(sheep, trace.sheep[45], atol=1e-5)
     np.testing.assert_allclose(dogs, trace.dogs[45], atol=1e-5)
-    assert int(game.flights[0].step) == 45
-    assert float(game.flights[0].flown) == pytest.approx(float(metrics.distance(trace)), abs=1e-4)
+    assert int(session.flights[0].step) == 45
+    assert float(session.flights[0].flown) == pytest.approx(
+        float(metrics.distance(trace)), abs=1e-4
+    )
 
 
 def test_noise_is_that_of_a_rollout_with_the_case_as_its_key():
-    game = told(begun(), {"preset": "strombom2014", "perception": 1.0, "case": 5})
-    game = turn(game, SHEPHERDS, 0)
+    session = update(begun(), {"preset": "strombom2014", "perception": 1.0, "case": 5})
+    session = advance(session, SHEPHERDS, 0)
     trace = mission.rollout(
-        game.world, SHEPHERDS["strombom"], game.flights[0].state, 20, jax.random.key(5)
+        session.world, SHEPHERDS["strombom"], session.flights[0].state, 20, jax.random.key(5)
     )
-    game = turn(game, SHEPHERDS, 20)
-    np.testing.assert_allclose(places(game)[0], trace.sheep[20], rtol=1e-5)
+    session = advance(session, SHEPHERDS, 20)
+    np.testing.assert_allclose(places(session)[0], trace.sheep[20], rtol=1e-5)
 
 
 def test_a_mission_ends_where_it_is_accomplished_and_goes_on_when_the_goal_moves_away():
-    game = turn(begun(), SHEPHERDS, 1000)
-    steps = int(game.flights[0].step)
-    assert bool(game.sights[0].done)
-    assert game.rests
+    session = advance(begun(), SHEPHERDS, 1000)
+    steps = int(session.flights[0].step)
+    assert bool(session.overlays[0].done)
+    assert session.rests
     assert steps < 1000
-    assert int(turn(game, SHEPHERDS, 5).flights[0].step) == steps
-    game = turn(told(game, {"hold": ("goal", 0, (4.0, 4.0))}), SHEPHERDS, 5)
-    assert int(game.flights[0].step) == steps + 5
+    assert int(advance(session, SHEPHERDS, 5).flights[0].step) == steps
+    session = advance(update(session, {"hold": ("goal", 0, (4.0, 4.0))}), SHEPHERDS, 5)
+    assert int(session.flights[0].step) == steps + 5
 
 
 def test_a_reset_is_the_same_case_again_and_another_case_is_another():
     first = begun()
-    flown = turn(first, SHEPHERDS, 9)
-    again = turn(told(flown, {"reset": True}), SHEPHERDS, 0)
-    other = turn(told(flown, {"case": 2}), SHEPHERDS, 0)
+    flown = advance(first, SHEPHERDS, 9)
+    again = advance(update(flown, {"reset": True}), SHEPHERDS, 0)
+    other = advance(update(flown, {"case": 2}), SHEPHERDS, 0)
     np.testing.assert_array_equal(places(first)[0], places(again)[0])
     assert (places(first)[0] != places(other)[0]).any()
     assert first.start < again.start
@@ -74,10 +88,10 @@ def test_a_reset_is_the_same_case_again_and_another_case_is_another():
     y=st.floats(-1e6, 1e6, allow_nan=False),
 )
 def test_who_is_dragged_stays_where_it_may_be(who, x, y):
-    game = turn(told(begun(), {"hold": (who, 0, (x, y))}), SHEPHERDS, 2)
-    sent = shown(game)
-    arena = game.world.arena
-    beyond = float(game.world.dog.airspace) if who == "dog" else 0.0
+    session = advance(update(begun(), {"hold": (who, 0, (x, y))}), SHEPHERDS, 2)
+    sent = view(session)
+    arena = session.world.arena
+    beyond = float(session.world.dog.airspace) if who == "dog" else 0.0
     there = np.clip([x, y], -beyond, float(arena.size) + beyond)
     found = {
         "dog": sent["flights"][0]["dogs"][0],
@@ -88,39 +102,39 @@ def test_who_is_dragged_stays_where_it_may_be(who, x, y):
 
 
 def test_who_is_dragged_is_where_the_hand_is_at_once_and_flies_no_distance():
-    game = told(begun(), {"paused": True})
-    game = told(game, {"hold": ("dog", 0, (3.0, 3.5))})
-    np.testing.assert_allclose(places(game)[1], [[3.0, 3.5]])
-    game = turn(told(game, {"hold": None}), SHEPHERDS, 0)
-    np.testing.assert_allclose(places(game)[1], [[3.0, 3.5]])
-    assert float(game.flights[0].flown) == 0.0
+    session = update(begun(), {"paused": True})
+    session = update(session, {"hold": ("dog", 0, (3.0, 3.5))})
+    np.testing.assert_allclose(places(session)[1], [[3.0, 3.5]])
+    session = advance(update(session, {"hold": None}), SHEPHERDS, 0)
+    np.testing.assert_allclose(places(session)[1], [[3.0, 3.5]])
+    assert float(session.flights[0].flown) == 0.0
 
 
 def test_a_player_flies_no_faster_than_a_dog_and_stops_where_it_is_sent():
-    game = told(begun(), {"mode": "fly", "fly": (ALONG, (1.0, -0.5))})
-    _, before = places(game)
-    _, after = places(turn(game, SHEPHERDS, 1))
+    session = update(begun(), {"mode": "fly", "fly": (ALONG, (1.0, -0.5))})
+    _, before = places(session)
+    _, after = places(advance(session, SHEPHERDS, 1))
     np.testing.assert_allclose(after - before, [[0.1, -0.05]], atol=1e-6)
-    game = turn(told(game, {"fly": (TOWARD, (1.23, 2.34))}), SHEPHERDS, 200)
-    np.testing.assert_allclose(places(game)[1], [[1.23, 2.34]], atol=1e-5)
+    session = advance(update(session, {"fly": (TOWARD, (1.23, 2.34))}), SHEPHERDS, 200)
+    np.testing.assert_allclose(places(session)[1], [[1.23, 2.34]], atol=1e-5)
 
 
 def test_the_players_dog_hovers_until_told_and_the_other_dogs_help():
-    game = turn(told(begun(), {"dogs": 3, "mode": "fly"}), SHEPHERDS, 0)
-    moved = np.abs(places(turn(game, SHEPHERDS, 3))[1] - places(game)[1]).max(axis=1)
+    session = advance(update(begun(), {"dogs": 3, "mode": "fly"}), SHEPHERDS, 0)
+    moved = np.abs(places(advance(session, SHEPHERDS, 3))[1] - places(session)[1]).max(axis=1)
     assert moved[0] == 0.0
     assert (moved[1:] > 0.0).all()
 
 
 def test_a_race_waits_for_the_players_first_move_and_both_fly_the_same_case():
-    game = turn(told(begun(), {"mode": "race"}), SHEPHERDS, 5)
-    assert game.waits
-    assert [int(flight.step) for flight in game.flights] == [0, 0]
-    np.testing.assert_array_equal(places(game, 0)[0], places(game, 1)[0])
-    watched = turn(begun(), SHEPHERDS, 30)
-    game = turn(told(game, {"fly": (ALONG, (0.0, 1.0))}), SHEPHERDS, 30)
-    np.testing.assert_allclose(places(game, 1)[0], places(watched)[0], atol=1e-6)
-    assert (places(game, 0)[1] != places(game, 1)[1]).any()
+    session = advance(update(begun(), {"mode": "race"}), SHEPHERDS, 5)
+    assert session.waits
+    assert [int(flight.step) for flight in session.flights] == [0, 0]
+    np.testing.assert_array_equal(places(session, 0)[0], places(session, 1)[0])
+    watched = advance(begun(), SHEPHERDS, 30)
+    session = advance(update(session, {"fly": (ALONG, (0.0, 1.0))}), SHEPHERDS, 30)
+    np.testing.assert_allclose(places(session, 1)[0], places(watched)[0], atol=1e-6)
+    assert (places(session, 0)[1] != places(session, 1)[1]).any()
 
 
 def test_a_slider_compiles_nothing_anew():
@@ -131,9 +145,9 @@ def test_a_slider_compiles_nothing_anew():
         return 0.0 * state.dogs
 
     shepherds = {"still": still}
-    game = turn(new(Settings("still")), shepherds, 1)
+    session = advance(new(Settings("still")), shepherds, 1)
     once = len(traced)
-    for order in (
+    for message in (
         {"arena": 9.0, "noise": 0.2},
         {"perception": 0.1, "actuation": 0.3, "speed": 16.0},
         {"hold": ("goal", 0, (2.0, 1.0))},
@@ -141,41 +155,42 @@ def test_a_slider_compiles_nothing_anew():
         {"mode": "race", "case": 77},
         {"fly": (TOWARD, (2.0, 1.0))},
     ):
-        game = turn(told(game, order), shepherds, 3)
+        session = advance(update(session, message), shepherds, 3)
     assert len(traced) == once
 
 
 def test_an_arena_stays_as_it_was_chosen_while_the_flock_fits():
-    game = told(told(begun(), {"preset": "strombom2014"}), {"arena": 40.0})
-    for order in ({"noise": 0.1}, {"sheep": 5}, {"case": 3}):
-        game = told(game, order)
-        assert float(game.world.arena.size) == 40.0
+    session = update(update(begun(), {"preset": "strombom2014"}), {"arena": 40.0})
+    for message in ({"noise": 0.1}, {"sheep": 5}, {"case": 3}):
+        session = update(session, message)
+        assert float(session.world.arena.size) == 40.0
 
 
 def test_a_flock_that_outgrows_its_arena_gets_a_wider_one():
-    game = told(told(begun(), {"arena": 6.0}), {"sheep": 60})
-    assert float(game.world.arena.size) > 2 * float(game.world.arena.goal_radius) - 1e-3
-    game = told(game, {"sheep": 3})
-    assert float(game.world.arena.size) == 4.0
+    session = update(update(begun(), {"arena": 6.0}), {"sheep": 60})
+    assert float(session.world.arena.size) > 2 * float(session.world.arena.goal_radius) - 1e-3
+    session = update(session, {"sheep": 3})
+    assert float(session.world.arena.size) == 4.0
 
 
 def test_every_preset_has_its_own_noise_and_a_speed_to_watch():
-    for preset in params.PRESETS:
-        game = told(begun(), {"preset": preset})
-        assert game.settings.noise == params.preset(preset).flock.noise
-        steps = game.settings.speed / params.preset(preset).arena.dt
+    for name in PRESETS:
+        session = update(begun(), {"preset": name})
+        flock: Any = preset(name).flock
+        assert session.settings.noise == flock.noise
+        steps = session.settings.speed / preset(name).arena.dt
         assert 5.0 <= steps <= 20.0
 
 
 @pytest.mark.parametrize(
-    ("order", "remedy"),
+    ("message", "remedy"),
     [
         ({"arena": 1.5}, "try 4"),
         ({"hold": ("dog", 5, (1.0, 1.0))}, "has 1 dog"),
         ({"mode": "race", "hold": ("dog", 0, (1.0, 1.0))}, "fly the dog instead"),
     ],
 )
-def test_what_a_world_does_not_have_is_refused(order, remedy):
-    game = turn(told(begun(), {"mode": order.get("mode", "watch")}), SHEPHERDS, 0)
+def test_what_a_world_does_not_have_is_refused(message, remedy):
+    session = advance(update(begun(), {"mode": message.get("mode", "watch")}), SHEPHERDS, 0)
     with pytest.raises(Refusal, match=remedy):
-        told(game, order)
+        update(session, message)

@@ -4,14 +4,16 @@ Positions lie on a lattice of 1/8 m, exact in float32, so that a distance of exa
 same tie in float32 and in float64.
 """
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from skydog.world.mission import State
-from skydog.world.params import World, preset
+from skydog.world.laws.paper import PaperFlock
+from skydog.world.params import World
+from skydog.world.presets import preset
+from skydog.world.state import State
 
 CELL = 8  # lattice points in a metre
 SHAPES = [(1, 1), (3, 1), (3, 2), (5, 3)]  # sheep, dogs: each compiles once
@@ -41,8 +43,8 @@ def _with(world: World, part: str, **changes) -> World:
 
 
 @st.composite
-def scenes(draw, literal: bool = False, neighbours: int | None = None, shapes=SHAPES):
-    """A world of the paper, its goal anywhere or on a sheep, and a state in it."""
+def scenes(draw, law=PaperFlock, shapes=SHAPES, **parameters):
+    """A world of the paper or of another law, its goal anywhere or on a sheep, and a state."""
     size = draw(st.sampled_from([4.0, 6.0]))
     state = draw(states(0.0, size, shapes=shapes))
     world = preset(draw(st.sampled_from(["paper", "paper-w05"])), size, len(state.sheep))
@@ -50,8 +52,29 @@ def scenes(draw, literal: bool = False, neighbours: int | None = None, shapes=SH
     goal_x, goal_y = draw(st.just((0.0, 0.0)) | points(0.0, size) | st.just(on_a_sheep))
     world = _with(world, "arena", goal_x=goal_x, goal_y=goal_y)
     # Sight that does not grow with the flock: lattice ties at R_πβ = 2 are then exact.
-    world = _with(world, "flock", literal_forces=literal, neighbours=neighbours, sensing=2.0)
-    return world, state
+    weights = {**vars(world.flock), "sensing": 2.0, **parameters}
+    return replace(world, flock=law(**weights)), state
+
+
+@st.composite
+def mixed_scenes(draw, law=PaperFlock, shapes=SHAPES):
+    """A scene in which each sheep has its own of every parameter, its speed included."""
+    world, state = draw(scenes(law, shapes))
+    count = len(state.sheep)
+
+    def each(low, high):
+        number = st.integers(round(low * CELL), round(high * CELL)).map(lambda i: i / CELL)
+        values = draw(st.lists(number, min_size=count, max_size=count))
+        return jnp.asarray(np.array(values, np.float32))
+
+    ranges = {"avoidance": (0.0, 2.0), "sensing": (0.5, 4.0)}
+    weights = {
+        field.name: each(*ranges.get(field.name, (0.0, 2.0)))
+        for field in fields(PaperFlock)
+        if field.name != "noise"
+    }
+    sheep = replace(world.sheep, speed=each(0.0, 1.0))
+    return replace(world, flock=law(**weights), sheep=sheep), state
 
 
 @st.composite

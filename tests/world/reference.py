@@ -10,6 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from skydog.world.laws.literal import LiteralFlock
+from skydog.world.limits import PerAxis
+
 CLOSE = 1e-3
 
 
@@ -21,11 +24,16 @@ def direction(v):
     return v / length(v) if length(v) > 0 else np.zeros(2)
 
 
+def own(value, i):
+    """A parameter of sheep i: the flock's one number, or its own of one per sheep."""
+    return value if np.ndim(value) == 0 else float(value[i])
+
+
 def escape(world, sheep, dogs, i):
     """Eq. 2."""
     push = np.zeros(2)
     for dog in dogs:
-        if length(sheep[i] - dog) <= world.flock.sensing:
+        if length(sheep[i] - dog) <= own(world.flock.sensing, i):
             push += direction(sheep[i] - dog)
     return push
 
@@ -34,17 +42,22 @@ def avoid(world, sheep, i):
     """Eq. 4."""
     push = np.zeros(2)
     for k in range(len(sheep)):
-        if k != i and length(sheep[i] - sheep[k]) <= world.flock.avoidance:
+        if k != i and length(sheep[i] - sheep[k]) <= own(world.flock.avoidance, i):
             push += direction(sheep[i] - sheep[k])
     return push
+
+
+def nearest(world):
+    """How many flockmates pull a sheep; None is all of them, as in the paper."""
+    return getattr(world.flock, "neighbours", None)
 
 
 def to_local_centre(world, sheep, i):
     """From sheep i to the centre of mass of its neighbourhood, before Eq. 5 normalises it."""
     others = [sheep[k] for k in range(len(sheep)) if k != i]
     others.sort(key=lambda other: length(other - sheep[i]))
-    if world.flock.neighbours is not None:
-        others = others[: world.flock.neighbours]
+    if nearest(world) is not None:
+        others = others[: nearest(world)]
     return sum(others) / len(others) - sheep[i] if others else np.zeros(2)
 
 
@@ -61,26 +74,26 @@ def total(world, sheep, dogs, previous, i):
         avoid(world, sheep, i),
         group(world, sheep, i),
     )
-    if flock.literal_forces:
+    if isinstance(flock, LiteralFlock):
         return (
-            flock.inertia * previous[i]
-            + flock.grouping * pull
-            + flock.escape * flee
-            + flock.repulsion * crowd
+            own(flock.inertia, i) * previous[i]
+            + own(flock.grouping, i) * pull
+            + own(flock.escape, i) * flee
+            + own(flock.repulsion, i) * crowd
         )
-    sees_a_dog = any(length(sheep[i] - dog) <= flock.sensing for dog in dogs)
+    sees_a_dog = any(length(sheep[i] - dog) <= own(flock.sensing, i) for dog in dogs)
     pushed = length(crowd) > 0
     if not sees_a_dog and not pushed:
         return np.zeros(2)
-    force = flock.inertia * previous[i] + flock.repulsion * direction(crowd)
+    force = own(flock.inertia, i) * previous[i] + own(flock.repulsion, i) * direction(crowd)
     if sees_a_dog:
-        force = force + flock.grouping * pull + flock.escape * direction(flee)
+        force = force + own(flock.grouping, i) * pull + own(flock.escape, i) * direction(flee)
     return force
 
 
 def force(world, sheep, dogs, previous, i):
     whole = total(world, sheep, dogs, previous, i)
-    return whole if world.flock.literal_forces else direction(whole)
+    return whole if isinstance(world.flock, LiteralFlock) else direction(whole)
 
 
 def goal(world):
@@ -89,7 +102,7 @@ def goal(world):
 
 def gathering_distance(world, sheep):
     """f(N), Eq. 7, with the preset's own factor."""
-    return world.flock.spread * len(sheep) ** (2 / 3)
+    return world.spread.length * len(sheep) ** (2 / 3)
 
 
 def furthest_distance(sheep):
@@ -156,13 +169,14 @@ def gate(world, sheep, dogs):
 def step(world, sheep, dogs, previous, velocity):
     """Eqs 10 and 11, with speeds in m/s, speed limits and walls."""
     forces = np.array([force(world, sheep, dogs, previous, i) for i in range(len(sheep))])
-    moved = sheep + world.flock.speed * world.arena.dt * forces
+    speeds = np.array([[own(world.sheep.speed, i)] for i in range(len(sheep))])
+    moved = sheep + speeds * world.arena.dt * forces
     flown = np.empty_like(dogs)
     for j in range(len(dogs)):
         told = velocity[j]
         if not np.all(np.isfinite(told)):
             told = np.zeros(2)
-        if world.dog.per_axis:
+        if isinstance(world.dog.limits, PerAxis):
             told = np.clip(told, -world.dog.speed, world.dog.speed)
         elif length(told) > world.dog.speed:
             told = world.dog.speed * direction(told)
@@ -201,7 +215,7 @@ def force_is_close_call(world, sheep, dogs, previous):
         ]
         if any(_nearly_cancels(v) for v in vectors):
             return True
-        if world.flock.neighbours is not None and world.flock.neighbours < len(sheep) - 1:
+        if nearest(world) is not None and nearest(world) < len(sheep) - 1:
             apart = [length(sheep[k] - sheep[i]) for k in range(len(sheep)) if k != i]
             if _nearly_equal(apart):
                 return True

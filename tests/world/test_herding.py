@@ -11,7 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from skydog.world import herding
-from skydog.world.params import preset
+from skydog.world.presets import preset
+from skydog.world.spread import TwoThirdsSpread
 
 SEVERAL = [(3, 2), (5, 3)]
 
@@ -106,7 +107,7 @@ def flock_with_strays(count):
     near = [[2.9, 3.0], [3.1, 3.0], [3.0, 2.9], [3.0, 3.1], [3.0, 3.0]]
     far = [[0.2, 5.8], [5.7, 0.4], [5.5, 5.5]]
     world = preset("paper", 6.0)
-    tight = replace(world, flock=replace(world.flock, spread=0.5))
+    tight = replace(world, spread=TwoThirdsSpread(0.5))
     return tight, jnp.array(near + far[:count])
 
 

@@ -1,4 +1,6 @@
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import jax
@@ -6,35 +8,39 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from drawn import numbers, open_scenes, scenes
+from drawn import mixed_scenes, numbers, open_scenes, scenes
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from skydog.world import flock, mission
-from skydog.world.params import preset
+from skydog.world import mission
+from skydog.world.laws import terms
+from skydog.world.laws.literal import LiteralFlock
+from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.presets import preset
+from skydog.world.state import State
 
 PAPER = preset("paper").flock
 NOWHERE = jnp.array([[100.0, 100.0]])  # a dog that no sheep sees
 
 
 @jax.jit
-def terms(world, state):
+def each_term(world, state):
     return (
-        flock.escape(state.sheep, state.dogs, world.flock.sensing),
-        flock.avoid(state.sheep, world.flock.avoidance),
-        flock.group(state.sheep, world.flock.neighbours),
+        terms.escape(state.sheep, state.dogs, world.flock.sensing),
+        terms.avoid(state.sheep, world.flock.avoidance),
+        terms.group(state.sheep, reference.nearest(world)),
     )
 
 
 @jax.jit
 def total(world, state):
-    return flock.force(world.flock, state.sheep, state.dogs, state.force)
+    return world.flock.force(state, None)
 
 
 def assert_terms_as_in_the_paper(world, state):
     sheep, dogs, previous = numbers(state)
     assume(not reference.force_is_close_call(world, sheep, dogs, previous))
-    escape, avoid, group = terms(world, state)
+    escape, avoid, group = each_term(world, state)
     for i in range(len(sheep)):
         np.testing.assert_allclose(escape[i], reference.escape(world, sheep, dogs, i), atol=1e-5)
         np.testing.assert_allclose(avoid[i], reference.avoid(world, sheep, i), atol=1e-5)
@@ -54,7 +60,7 @@ def test_escape_avoidance_and_grouping_are_those_of_the_paper(scene):
     assert_terms_as_in_the_paper(*scene)
 
 
-@given(scenes(neighbours=2, shapes=[(1, 1), (3, 1), (5, 3)]))
+@given(scenes(StrombomFlock, neighbours=2, shapes=[(1, 1), (3, 1), (5, 3)]))
 def test_grouping_pulls_to_the_centre_of_the_nearest_flockmates_only(scene):
     assert_terms_as_in_the_paper(*scene)
 
@@ -64,19 +70,64 @@ def test_the_force_is_that_of_the_paper_with_normalised_terms(scene):
     assert_force_as_in_the_paper(*scene)
 
 
-@given(scenes(literal=True))
+@given(scenes(LiteralFlock))
 def test_the_literal_force_is_that_of_the_paper_as_printed(scene):
     assert_force_as_in_the_paper(*scene)
 
 
-@given(scenes(literal=False) | scenes(literal=True))
+@given(mixed_scenes() | mixed_scenes(LiteralFlock) | mixed_scenes(StrombomFlock))
+def test_each_sheep_follows_its_own_parameters(scene):
+    assert_terms_as_in_the_paper(*scene)
+    assert_force_as_in_the_paper(*scene)
+
+
+@given(mixed_scenes())
+def test_sheep_that_are_all_alike_move_as_one_number_says(scene):
+    world, state = scene
+    first = jax.tree.map(lambda leaf: leaf[0] if jnp.ndim(leaf) else leaf, world)
+    alike = jax.tree.map(lambda one, each: jnp.broadcast_to(one, jnp.shape(each)), first, world)
+    np.testing.assert_allclose(total(alike, state), total(first, state), atol=1e-5)
+
+
+# In a process of its own, where no checker of types refuses the shapes first: as users run it.
+WRONG_SHAPES = """
+import jax, jax.numpy as jnp, numpy as np
+from dataclasses import replace
+from skydog.errors import Refusal
+from skydog.world import state
+from skydog.world.laws.strombom import StrombomFlock
+
+right = StrombomFlock(1.0, 2.0, 0.5, 1.05, 1.0, 2.0)
+for count in (3, 40, 320):
+    start = state.start(jnp.zeros((count, 2)), jnp.zeros((1, 2)))
+    for name in vars(right):
+        for shape in (count, 1), (count + 1,), (count, count), (1, count):
+            law = replace(right, **{name: np.ones(shape)})
+            if name == "neighbours":
+                continue
+            try:
+                law.force(start, jax.random.key(0))
+            except Refusal as refusal:
+                assert f"({count},)" in str(refusal) and str(shape) in str(refusal)
+            else:
+                raise AssertionError(f"{name} of shape {shape} flew {count} sheep")
+print("all refused")
+"""
+
+
+def test_a_parameter_of_another_shape_is_refused_by_its_shape():
+    done = subprocess.run([sys.executable, "-c", WRONG_SHAPES], capture_output=True, text=True)
+    assert done.stdout == "all refused\n", done.stderr
+
+
+@given(scenes() | scenes(LiteralFlock) | scenes(StrombomFlock, neighbours=2))
 def test_no_force_is_ever_nan(scene):
     assert np.all(np.isfinite(total(*scene)))
 
 
 def test_every_range_includes_its_border():
     sheep, dogs = jnp.array([[0.0, 0.0], [1.0, 0.0]]), jnp.array([[0.0, 2.0]])
-    escape, avoid = flock.escape(sheep, dogs, 2.0), flock.avoid(sheep, 1.0)
+    escape, avoid = terms.escape(sheep, dogs, 2.0), terms.avoid(sheep, 1.0)
     assert np.array_equal(escape, [[0.0, -1.0], [0.0, 0.0]])
     assert np.array_equal(avoid, [[-1.0, 0.0], [1.0, 0.0]])
 
@@ -85,7 +136,7 @@ def test_every_range_includes_its_border():
 @pytest.mark.parametrize("place", [0.1, 0.3, 1.7, 3.3])
 def test_sheep_at_one_point_feel_no_pull_and_no_push(count, place):
     crowd = mission.start(jnp.full((count, 2), place), NOWHERE)
-    _, avoid, group = terms(preset("paper"), crowd)
+    _, avoid, group = each_term(preset("paper"), crowd)
     assert np.all(np.asarray(group) == 0.0)
     assert np.all(np.asarray(avoid) == 0.0)
 
@@ -93,12 +144,12 @@ def test_sheep_at_one_point_feel_no_pull_and_no_push(count, place):
 def test_a_sheep_midway_between_two_others_is_not_pushed_and_stands():
     sheep = jnp.array([[0.5, 1.0], [1.0, 1.0], [1.5, 1.0]])
     before = jnp.array([[0.0, 1.0]] * 3)
-    assert np.array_equal(flock.force(PAPER, sheep, NOWHERE, before)[1], [0.0, 0.0])
+    assert np.array_equal(PAPER.force(State(sheep, NOWHERE, before), None)[1], [0.0, 0.0])
 
 
 def test_a_lone_sheep_flees_straight_from_the_dog():
     sheep, dogs = jnp.array([[2.0, 2.0]]), jnp.array([[1.25, 1.0]])
-    force = flock.force(PAPER, sheep, dogs, jnp.zeros((1, 2)))
+    force = PAPER.force(mission.start(sheep, dogs), None)
     np.testing.assert_allclose(force, [[0.6, 0.8]], atol=1e-6)
 
 
@@ -177,14 +228,14 @@ MANY = jax.random.split(jax.random.key(0), 4000)
 
 
 def forces_over_many_draws(parameters, sheep, dogs):
-    still = jnp.zeros_like(sheep)
-    one = jax.jit(jax.vmap(lambda key: flock.force(parameters, sheep, dogs, still, key)))
+    state = mission.start(sheep, dogs)
+    one = jax.jit(jax.vmap(lambda key: parameters.force(state, key)))
     return np.asarray(one(MANY))
 
 
 def test_a_grazing_sheep_moves_at_random_with_the_chance_asked_for():
     sheep = jnp.array([[2.0, 2.0], [4.0, 4.0]])
-    drawn = forces_over_many_draws(replace(PAPER, graze=0.25), sheep, NOWHERE)
+    drawn = forces_over_many_draws(StrombomFlock(**vars(PAPER), graze=0.25), sheep, NOWHERE)
     moves = np.linalg.norm(drawn, axis=-1)
     assert np.all((moves == 0.0) | (np.abs(moves - 1.0) < 1e-5))
     assert abs(np.mean(moves) - 0.25) < 5 * math.sqrt(0.25 * 0.75 / moves.size)

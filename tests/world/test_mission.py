@@ -1,5 +1,6 @@
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -7,15 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from drawn import commands, numbers, open_scenes, scenes
+from drawn import commands, mixed_scenes, numbers, open_scenes, scenes
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from skydog.errors import Refusal
 from skydog.shepherds.strombom import Strombom
 from skydog.world import herding, mission
-from skydog.world.mission import State
-from skydog.world.params import Dog, World, preset
+from skydog.world.laws.literal import LiteralFlock
+from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.limits import AnyDirection, Limits, PerAxis
+from skydog.world.params import Dog, World
+from skydog.world.presets import preset
+from skydog.world.state import State
 
 STEPS = 40  # of most rollouts here: each other number compiles again
 
@@ -55,13 +60,24 @@ def test_a_step_moves_everyone_as_the_paper_says(data, scene):
     np.testing.assert_allclose(after.force, expected[2], atol=1e-3)
 
 
+@given(st.data(), mixed_scenes())
+def test_a_step_of_a_mixed_flock_moves_each_sheep_by_its_own_law_and_speed(data, scene):
+    world, state = scene
+    sheep, dogs, previous = numbers(state)
+    velocity = data.draw(commands(len(dogs)))
+    assume(not reference.force_is_close_call(world, sheep, dogs, previous))
+    after = step(world, state, velocity)
+    expected = reference.step(world, sheep, dogs, previous, np.asarray(velocity, float))
+    np.testing.assert_allclose(after.sheep, expected[0], atol=1e-4)
+
+
 @given(st.data(), open_scenes())
 def test_away_from_walls_a_sheep_moves_its_full_step_or_stands(data, scene):
     world, state = scene
     velocity = data.draw(commands(len(state.dogs)))
     moved = np.asarray(step(world, state, velocity).sheep - state.sheep, float)
     lengths = np.linalg.norm(moved, axis=1)
-    full = world.flock.speed * world.arena.dt
+    full = world.sheep.speed * world.arena.dt
     assert np.all((lengths == 0.0) | (np.abs(lengths - full) < 2e-5))
 
 
@@ -69,7 +85,7 @@ def test_away_from_walls_a_sheep_moves_its_full_step_or_stands(data, scene):
 def test_sheep_never_leave_the_arena_nor_dogs_the_airspace(data, scene, haste):
     world, state = scene
     size, edge = world.arena.size, world.dog.airspace
-    hasty = with_(with_(world, "dog", speed=haste), "flock", speed=haste)
+    hasty = with_(with_(world, "dog", speed=haste), "sheep", speed=haste)
     velocity = haste * data.draw(commands(len(state.dogs)))
     after = step(hasty, state, velocity)
     assert np.all((np.asarray(after.sheep) >= 0) & (np.asarray(after.sheep) <= size))
@@ -91,42 +107,43 @@ def test_a_dog_hovers_on_a_command_that_is_no_number_and_the_other_flies_on(scen
         assert not np.array_equal(after.dogs[other], state.dogs[other])
 
 
-def a_dog(per_axis: bool, speed: float = 1.5) -> Dog:
-    return Dog(speed=speed, driving=1.0, collecting=1.0, airspace=1.0, per_axis=per_axis)
+def a_dog(limits: Limits, speed: float = 1.5) -> Dog:
+    return Dog(speed=speed, driving=1.0, collecting=1.0, airspace=1.0, limits=limits)
 
 
+LIMITS = [PerAxis(), AnyDirection()]
 velocities = st.tuples(st.floats(-5, 5, width=16), st.floats(-5, 5, width=16))
 
 
 @given(velocities)
 def test_a_limit_per_axis_cuts_each_component(v):
-    found = mission.limited(a_dog(per_axis=True), jnp.array([v], jnp.float32))
+    found = mission.limited(a_dog(PerAxis()), jnp.array([v], jnp.float32))
     np.testing.assert_allclose(found[0], np.clip(v, -1.5, 1.5), rtol=1e-6)
 
 
 @given(velocities)
 def test_a_limit_on_the_length_keeps_the_direction(v):
-    found = np.asarray(mission.limited(a_dog(per_axis=False), jnp.array([v], jnp.float32))[0])
+    found = np.asarray(mission.limited(a_dog(AnyDirection()), jnp.array([v], jnp.float32))[0])
     length = math.hypot(*v)
     expected = np.array(v) * (min(1.0, 1.5 / length) if length else 1.0)
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-7)
 
 
-@given(velocities, st.booleans())
-def test_the_fastest_velocity_reaches_the_limit_in_the_direction_asked_for(direction, per_axis):
+@given(velocities, st.sampled_from(LIMITS))
+def test_the_fastest_velocity_reaches_the_limit_in_the_direction_asked_for(direction, limits):
     assume(max(map(abs, direction)) > 1e-3)
-    dog = a_dog(per_axis)
+    dog = a_dog(limits)
     fastest = mission.fastest(dog, jnp.array([direction], jnp.float32))
     x, y = np.asarray(fastest[0], float)
-    reached = max(abs(x), abs(y)) if per_axis else math.hypot(x, y)
+    reached = max(abs(x), abs(y)) if limits == PerAxis() else math.hypot(x, y)
     assert math.isclose(reached, 1.5, rel_tol=1e-4)
     assert math.isclose(math.atan2(y, x), math.atan2(direction[1], direction[0]), abs_tol=1e-4)
     np.testing.assert_allclose(mission.limited(dog, fastest), fastest, rtol=1e-5)
 
 
-@pytest.mark.parametrize("per_axis", [True, False])
-def test_a_dog_that_has_no_direction_hovers(per_axis):
-    assert np.array_equal(mission.fastest(a_dog(per_axis), jnp.zeros((1, 2))), jnp.zeros((1, 2)))
+@pytest.mark.parametrize("limits", LIMITS)
+def test_a_dog_that_has_no_direction_hovers(limits):
+    assert np.array_equal(mission.fastest(a_dog(limits), jnp.zeros((1, 2))), jnp.zeros((1, 2)))
 
 
 @given(scenes())
@@ -148,6 +165,36 @@ def test_the_mission_is_accomplished_when_all_are_home_and_gathered(scene):
 def test_home_means_within_the_disc_and_gathered_within_f(sheep, done):
     state = mission.start(jnp.array(sheep), jnp.array([[3.0, 3.0]]))
     assert bool(mission.accomplished(preset("paper"), state)) == done
+
+
+# What is decided in an instant
+
+
+decide = jax.jit(mission.decide, static_argnames="shepherd")
+
+
+@given(scenes())
+def test_a_step_moves_everyone_as_is_decided(scene):
+    world, state = scene
+    decided = decide(world, Strombom(), state)
+    moved = mission.move(world, state, decided.velocity, decided.force)
+    after = step(world, state, jax.jit(Strombom())(world, state))
+    for part in ("sheep", "dogs", "force"):
+        np.testing.assert_allclose(getattr(moved, part), getattr(after, part), atol=1e-6)
+    subgoal, drives = gate(world, state.sheep, state.dogs)
+    np.testing.assert_allclose(decided.subgoal, subgoal, atol=1e-6)
+    assert np.array_equal(decided.drives, drives)
+
+
+def test_dogs_decide_on_what_they_see_and_sheep_on_what_is():
+    world, state = preset("paper"), a_start()
+    elsewhere = replace(state, sheep=state.sheep[:, ::-1] * 0.5, dogs=state.dogs + 0.7)
+    decided = mission.decide(world, Strombom(), state, elsewhere)
+    here, there = (mission.decide(world, Strombom(), seen) for seen in (state, elsewhere))
+    assert np.array_equal(decided.velocity, there.velocity)
+    assert not np.array_equal(decided.velocity, here.velocity)
+    for part in ("force", "subgoal", "drives"):
+        assert np.array_equal(getattr(decided, part), getattr(here, part))
 
 
 # Symmetries
@@ -378,10 +425,11 @@ def gradients_of_a_noisy_step(world, state):
     return jax.value_and_grad(end, argnums=(0, 1))(world, state)
 
 
-@pytest.mark.parametrize("variant", [{"literal_forces": True}, {"neighbours": 1}])
+@pytest.mark.parametrize("law", [LiteralFlock, partial(StrombomFlock, neighbours=1)])
 @pytest.mark.parametrize("name", ["sheep on one another", "a dog on a sheep"])
-def test_a_noisy_step_of_every_variant_has_finite_gradients(name, variant):
-    world = with_(NOISY, "flock", **variant)
+def test_a_noisy_step_of_every_law_has_finite_gradients(name, law):
+    weights = {name: value for name, value in vars(PAPER.flock).items() if name != "noise"}
+    world = replace(NOISY, flock=law(**weights, noise=0.3))
     assert_finite(gradients_of_a_noisy_step(parameters(world), the_degenerate(name)))
 
 
@@ -404,7 +452,7 @@ def test_worlds_of_different_sizes_and_speeds_fly_together_as_they_fly_alone():
         preset("paper", 4.0),
         preset("paper", 6.0),
         with_(preset("paper", 5.0), "dog", speed=0.5),
-        with_(preset("paper-w05", 4.0), "flock", speed=0.3),
+        with_(preset("paper-w05", 4.0), "sheep", speed=0.3),
     ]
     stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.float32(x) for x in leaves]), *worlds)
     state = a_start()
@@ -473,9 +521,10 @@ def test_one_compiled_mission_serves_every_arena_and_every_speed():
 # Noise
 
 MANY = jax.random.split(jax.random.key(0), 4000)
+PAPER = preset("paper")
 BLURRED = with_(preset("paper"), "dog", perception_noise=0.5)
 NOISY = with_(
-    with_(preset("paper"), "flock", noise=0.3, graze=0.1),
+    replace(PAPER, flock=StrombomFlock(**{**vars(PAPER.flock), "noise": 0.3}, graze=0.1)),
     "dog",
     actuation_noise=0.1,
     perception_noise=0.05,
@@ -489,7 +538,7 @@ def test_a_mission_in_a_world_without_noise_is_the_same_with_and_without_a_key()
     np.testing.assert_allclose(keyed.dogs, quiet.dogs, atol=1e-4)
 
 
-@given(scenes(literal=True, shapes=[(3, 1)]), st.integers(0, 9))
+@given(scenes(LiteralFlock, shapes=[(3, 1)]), st.integers(0, 9))
 def test_a_literal_step_in_a_world_without_noise_is_the_same_with_and_without_a_key(scene, seed):
     world, state = scene
     told = jnp.ones((1, 2))

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skydog.world import flock, mission, neighbours
-from skydog.world.params import preset
+from skydog.world import mission, neighbours
+from skydog.world.laws import terms
+from skydog.world.presets import preset
 
 RADIUS = 1.0
 MANY = 400
@@ -62,6 +63,48 @@ def test_of_few_sheep_too(count):
     agree(LAYOUTS["packed into one cell"][:count])
 
 
+def plain_pushes(sheep, radius):
+    """In plain NumPy, float64: the pushes on each sheep of those within its own radius."""
+    away = sheep[:, None] - sheep[None, :]
+    apart = np.linalg.norm(away, axis=-1)
+    near = (apart > 0) & (apart <= radius[:, None])
+    return np.where(near[..., None], away / np.where(near, apart, 1.0)[..., None], 0.0).sum(axis=1)
+
+
+FEW, PAIRS = neighbours.A_FEW, neighbours.ALL_PAIRS
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    count=st.sampled_from([1, 2, FEW - 1, FEW, FEW + 1, 77, PAIRS - 1, PAIRS, PAIRS + 1, MANY]),
+    seed=st.integers(0, 2**32 - 1),
+    numba=st.booleans(),
+)
+def test_each_sheep_is_pushed_by_those_within_its_own_radius_in_flocks_of_any_size(
+    count, seed, numba
+):
+    drawn = np.random.default_rng(seed)
+    # Off the lattice of halves by an eighth: no distance lies at the edge of a radius.
+    sheep = drawn.integers(0, round(2 * np.sqrt(count)) + 2, (count, 2)) / 2.0
+    radius = drawn.integers(0, 8, count) / 2.0 + 0.125
+    apart = np.linalg.norm(sheep[:, None] - sheep[None, :], axis=-1)
+    sheep = np.where((np.abs(apart - radius[:, None]) < 1e-3).any(axis=1)[:, None], -9.0, sheep)
+    with pytest.MonkeyPatch.context() as patch:
+        if not numba:
+            patch.setattr(neighbours, "compiled", lambda: None)
+        pushed = neighbours.pushes(jnp.asarray(sheep, jnp.float32), jnp.asarray(radius))
+    # To rounding: of as many unit vectors as a sheep has neighbours.
+    np.testing.assert_allclose(pushed, plain_pushes(sheep, radius), atol=1e-5 * (1 + count))
+
+
+def test_under_vmap_each_flock_keeps_its_own_radii():
+    flocks = jnp.asarray(np.stack([LAYOUTS["a field"], LAYOUTS["a line"]]), jnp.float32)
+    radii = jnp.asarray(RNG.uniform(0.0, 3.0, (2, MANY)), jnp.float32)
+    together = jax.jit(jax.vmap(neighbours.cells))(flocks, radii)
+    for sheep, radius, pushed in zip(flocks, radii, together, strict=True):
+        assert np.array_equal(pushed, neighbours.cells(sheep, radius))
+
+
 quarters = st.integers(-8, 8).map(lambda n: n / 4)
 
 
@@ -106,18 +149,18 @@ def test_a_large_flock_moves_as_if_all_pairs_were_looked_at(monkeypatch, means):
     monkeypatch.setattr(
         neighbours, "compiled", neighbours.compiled if means == "cells" else lambda: None
     )
-    many = flock.force(world.flock, state.sheep, state.dogs, state.force)
-    for module in (neighbours, flock):
+    many = world.flock.force(state, None)
+    for module in (neighbours, terms):
         monkeypatch.setattr(module, "A_FEW", 10**6)
-    plain = flock.force(world.flock, state.sheep, state.dogs, state.force)
+    plain = world.flock.force(state, None)
     assert np.asarray(plain).any()
     np.testing.assert_allclose(many, plain, atol=1e-3)
 
 
 def test_a_large_flock_feels_no_pull_at_one_point_and_the_nearest_only_if_told():
-    assert not np.asarray(flock.group(jnp.full((MANY, 2), 1.7), None)).any()
+    assert not np.asarray(terms.group(jnp.full((MANY, 2), 1.7), None)).any()
     sheep = jnp.asarray(LAYOUTS["a field"], jnp.float32)
-    nearest = np.asarray(flock.group(sheep, 1))
+    nearest = np.asarray(terms.group(sheep, 1))
     apart = np.linalg.norm(LAYOUTS["a field"][:, None] - LAYOUTS["a field"], axis=2)
     np.fill_diagonal(apart, np.inf)
     way = LAYOUTS["a field"][apart.argmin(axis=1)] - LAYOUTS["a field"]

@@ -67,6 +67,7 @@ def test(
     from skydog.shepherds.strombom import Strombom
     from skydog.study import cases as draws
     from skydog.study import evaluate
+    from skydog.world import loading
 
     where = world_of(preset, world, arena, sheep)
     if not 1 <= steps <= MOST_STEPS:
@@ -77,7 +78,7 @@ def test(
     steers = Strombom(at_point=at_point) if rule else store.load(shepherd)
     name = evaluate.scenario(steers, where)
     if world is not None:
-        name += f"-{world.rpartition(':')[2]}"
+        name += f"-{loading.title(world)}"
     drawn = draws.cases(where, cases, starts, seed, sheep, dogs)
     key = evaluate.noise_key(where, seed)
     # The metrics need the sheep at the start and at the end alone; a trace's file shows more.

@@ -50,7 +50,7 @@ def watch(
     one_world(preset, world)
     worlds = dict(presets.PRESETS)
     if world is not None:
-        preset = world.rpartition(":")[2]
+        preset = loading.title(world)
         worlds = {preset: loading.maker(world)} | worlds
     policies = live.policies(shepherd)
     live.serve(policies, shepherd, preset, arena, sheep, dogs, host, port, ready, worlds)

@@ -56,7 +56,7 @@ class Renderer:
 
         world, state, subgoal, drives, success = self._scenes[-1]
         if self._draw is None:
-            world = jax.device_get(world)
+            world = jax.device_put(world)  # numbers of a world are jax's, not numpy's
             self._draw = stage(world, len(state.sheep), len(state.dogs), PIXELS)
         sheep, dogs = (
             np.stack([getattr(scene[1], who) for scene in self._scenes])

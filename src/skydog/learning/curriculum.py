@@ -58,10 +58,12 @@ class Curriculum:
     @property
     def dog(self) -> str:
         """What the sheepdog is called that comes of it, as the paper does: H-DDPG-4x4."""
+        from skydog.world import loading
+
         kind = {"ddpg": "H-DDPG", "dqn": "DHRL"}[self.learner]
         size = float(self.world().arena.size)
         odd = "-paper-reward" * (self.reward == "paper") + "-one-scale" * self.one_scale
-        own = "" if self.own_world is None else f"-{self.own_world.rpartition(':')[2]}"
+        own = "" if self.own_world is None else f"-{loading.title(self.own_world)}"
         return f"{kind}-{size:g}x{size:g}{odd}{own}"
 
     def card(self) -> dict[str, Any]:
@@ -71,7 +73,7 @@ class Curriculum:
         own = self.own_world
         return {
             "preset": self.preset if own is None else None,
-            "own_world": None if own is None else own.rpartition(":")[2],
+            "own_world": None if own is None else loading.title(own),
             "SHA-256 of the world's file": None if own is None else loading.digest(own),
             "arena": float(self.world().arena.size),
             "sheep": self.sheep,

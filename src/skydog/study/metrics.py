@@ -34,15 +34,15 @@ def steps_gcm(trace: Trace) -> Int[Array, ""]:
     """The step at which the flock's centre came within 𝔻 of the goal.
 
     That is how the paper counts (Section "Evaluation Metrics", Number of steps). A mission
-    whose centre never arrives, or that ended otherwise than accomplished or out of time, counts
-    all the steps that it was given.
+    whose centre never arrives counts its `steps`, and so does one that ended otherwise than
+    accomplished or out of time.
     """
     arena = trace.world.arena
     arrived = norm(_centre(trace) - herding.goal(arena)) <= arena.goal_radius
     counts = jnp.any(arrived)
     if trace.ending is not None:
         counts = counts & (trace.ending.how <= OUT_OF_TIME)
-    return jnp.where(counts, jnp.argmax(arrived), _given(trace))
+    return jnp.where(counts, jnp.argmax(arrived), steps(trace))
 
 
 def steps_ratio(trace: Trace) -> Float[Array, ""]:

@@ -155,7 +155,7 @@ def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture
         for draw, end, (sheep, dogs, subgoal, drives), name, steps in missions:
             now = min(instant, end)
             paths = sheep[: now + 1], dogs[: now + 1]
-            panels.append(draw(*paths, subgoal[now], drives[now], name, steps[now]))
+            panels.append(draw(*paths, subgoal[now], drives[now], name, int(steps[now])))
         yield np.concatenate(panels, axis=1)
 
 

@@ -36,7 +36,11 @@ def maker(reference: str) -> Callable[..., World]:
         return sized
     if not callable(found):
         worlds = [each for each, value in vars(module).items() if isinstance(value, World)]
-        worlds += [each for each, value in vars(module).items() if inspect.isfunction(value)]
+        worlds += [
+            each
+            for each, value in vars(module).items()
+            if inspect.isfunction(value) and value.__module__ == module.__name__
+        ]
         there = f"it has {', '.join(worlds)}" if worlds else "it has no world and no function"
         raise Refusal(f"{file} has no world called {name!r}; {there}")
 
@@ -54,6 +58,12 @@ def maker(reference: str) -> Callable[..., World]:
 
     made.__doc__ = inspect.getdoc(found) or f"{name} of {file.name}"
     return made
+
+
+def title(reference: str) -> str:
+    """What the world FILE.py:NAME is called in tables: its file's name, and NAME if not `world`."""
+    file, name = _split(reference)
+    return file.stem if name == "world" else f"{file.stem}-{name}"
 
 
 def digest(reference: str) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import wraps
 from operator import index
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ Shepherd = Callable[[World, State], Float[Array, "dogs 2"]]
 """Anything that steers dogs: their velocities in m/s, from what they see."""
 
 
+@runtime_checkable
 class Fly(Protocol):
     """Whatever flies missions: the kinematic world, a physics simulation, a laboratory."""
 

@@ -1,6 +1,5 @@
 """A world as plain values by dotted name, for a file that other tools read; and back again."""
 
-import math
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
@@ -129,16 +128,17 @@ def _plain(value: Any) -> Plain:
 
 def _law(values: dict[str, Any], place: str) -> Any:
     name = values.get(f"{place}.law")
-    if name in LAWS[place]:
+    if isinstance(name, str) and name in LAWS[place]:
         return _module(values, place, LAWS[place][name], named="law")
     if not isinstance(name, str) or not name.startswith(OWN) or len(name) > LONGEST_NAME:
         raise Refusal(
-            f"no law {place} of this version of skydog is called {name!r:.60}; "
-            f"it knows {', '.join(LAWS[place])}"
+            f"{name!r:.60} is no value for {place}.law; "
+            f"this version of skydog knows {', '.join(LAWS[place])}"
         )
     printable = "".join(letter for letter in name if letter.isprintable())
     sensing = values.get(f"{place}.sensing")
-    return UnknownLaw(printable, _value(f"{place}.sensing", sensing, PerSheep))
+    known = None if sensing is None else _value(f"{place}.sensing", sensing, PerSheep)
+    return UnknownLaw(printable, known)
 
 
 def _module(
@@ -176,14 +176,14 @@ def _value(name: str, value: Any, kind: Any) -> Any:
     elif name == "flock.neighbours":
         if value is None or (type(value) is int and 1 <= value <= MOST_SHEEP):
             return value
-    elif _number(value) or (value is None and name == "flock.sensing"):
+    elif _number(value):
         return value
     raise Refusal(f"{value!r:.60} is no value for the world parameter {name}")
 
 
 def _number(value: Any) -> bool:
     plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return plain and math.isfinite(value) and abs(value) <= LARGEST
+    return plain and abs(value) <= LARGEST  # which no number that is not finite is
 
 
 def _upgraded(values: dict[str, Any]) -> dict[str, Any]:

@@ -1,22 +1,22 @@
 """The sheepdogs that ship, and the study that flies them."""
 
 import pytest
-
-from skydog import reproduce
-from skydog.reproduce import Plan
-from skydog.shepherds import store
-from skydog.study import transfer
-from skydog.study.reproduction import SCALED
 from studies import assert_whole
+
+from skydog.commands import reproduce
+from skydog.commands.zoo import Plan
+from skydog.shepherds import store
+from skydog.study import evaluate, transfer
+from skydog.study.reproduction import SCALED
 
 
 @pytest.fixture(scope="module")
 def from_zoo(tmp_path_factory):
     out = tmp_path_factory.mktemp("zoo")
-    return out, reproduce.reproduce(out, Plan(), True, "skydog reproduce --from-zoo")
+    return out, reproduce.run(out, Plan(), True, "skydog reproduce --from-zoo", evaluate.fly)
 
 
-def test_the_sheepdogs_that_ship_are_told_without_training(from_zoo):
+def test_the_sheepdogs_that_ship_are_flown_without_training(from_zoo):
     assert_whole(*from_zoo)
     assert store.ships() == ["dhrl-4x4", "dhrl-6x6", "h-ddpg-4x4", "h-ddpg-6x6"]
 

@@ -1,0 +1,106 @@
+import sys
+
+import pytest
+
+from skydog.errors import Refusal
+from skydog.world import loading, presets
+from skydog.world.params import World
+
+FILE = '''
+from dataclasses import replace
+
+import skydog
+from skydog.world.presets import paper
+
+import beside_it
+
+fixed = paper(arena=5.0)
+
+
+def shy(arena: float = 6.0, sheep: int = 3):
+    """Sheep that see far."""
+    world = skydog.preset("paper", arena, sheep)
+    return replace(world, flock=replace(world.flock, sensing=beside_it.SIGHT))
+
+
+def needy(arena, sheep, goal):
+    return fixed
+
+
+def nothing(arena=1.0, sheep=3):
+    return 42
+
+
+number = 7
+'''
+
+
+@pytest.fixture
+def file(tmp_path):
+    (tmp_path / "beside_it.py").write_text("SIGHT = 3.5\n")
+    path = tmp_path / "flocks.py"
+    path.write_text(FILE)
+    yield path
+    loading._run.cache_clear()
+    sys.modules.pop("beside_it", None)
+    sys.path[:] = [entry for entry in sys.path if entry != str(tmp_path)]
+
+
+def test_a_function_of_arena_and_sheep_makes_worlds_as_a_preset_does(file):
+    maker = loading.maker(f"{file}:shy")
+    assert presets.make(maker).arena.size == 6.0
+    world = presets.make(maker, 9.0, 12)
+    assert isinstance(world, World)
+    assert (world.arena.size, world.flock.sensing) == (9.0, 3.5)
+    assert (maker.__doc__ or "").startswith("Sheep that see far")
+    # A second look finds the same classes: what was compiled serves it.
+    assert type(presets.make(loading.maker(f"{file}:shy")).flock) is type(world.flock)
+
+
+def test_a_world_is_flown_as_it_is_or_in_an_arena_of_another_side(file):
+    maker = loading.maker(f"{file}:fixed")
+    assert presets.make(maker).arena.size == 5.0
+    assert presets.make(maker, 7.0).arena.size == 7.0
+    with pytest.raises(Refusal, match="--arena 4"):
+        presets.make(maker, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("wolves", "no world called 'wolves'.*fixed.*shy"),
+        ("number", "no world called 'number'"),
+        ("nothing", "returned 42"),
+        ("needy", "arena= and sheep=.*goal"),
+    ],
+)
+def test_a_name_that_is_no_world_is_refused(file, name, said):
+    with pytest.raises(Refusal, match=said):
+        presets.make(loading.maker(f"{file}:{name}"), 4.0)
+
+
+@pytest.mark.parametrize(
+    "reference", ["", "flocks", "flocks.py", ":fixed", "flocks.txt:fixed", "flocks.py:a b", "a:b:c"]
+)
+def test_what_names_no_file_and_no_name_is_refused_with_the_form(reference):
+    with pytest.raises(Refusal, match=r"FILE\.py:NAME"):
+        loading.maker(reference)
+
+
+def test_a_file_that_is_missing_or_fails_is_refused_with_the_line(tmp_path):
+    with pytest.raises(Refusal, match="no file"):
+        loading.maker(f"{tmp_path}/none.py:world")
+    broken = tmp_path / "broken.py"
+    broken.write_text("import skydog\n\nworld = 1 / 0\n")
+    with pytest.raises(Refusal, match="line 3: ZeroDivisionError"):
+        loading.maker(f"{broken}:world")
+    broken.write_text("def (:\n")
+    with pytest.raises(Refusal, match="SyntaxError"):
+        loading.maker(f"{broken}:world")
+
+
+def test_a_changed_file_has_another_digest(file):
+    before = loading.digest(f"{file}:shy")
+    assert loading.digest(f"{file}:fixed") == before
+    file.write_text(FILE + "\n")
+    assert loading.digest(f"{file}:shy") != before
