@@ -34,7 +34,7 @@ wheel: $(VENV)/dev.stamp  ## Install the wheel into an empty environment, and us
 
 bench: $(VENV)/dev.stamp $(VENV)-peers/stamp  ## Compare with SB3, SBX and VMAS: docs/benchmarks.md
 	$(BIN)/python benchmarks/bench.py --out docs/benchmarks.md
-	$(BIN)/python benchmarks/growth.py --out docs/growth.md
+	$(BIN)/python benchmarks/scaling.py --out docs/scaling.md
 
 reproduce: $(VENV)/run.stamp  ## Regenerate the paper's simulation study, and docs/reproduces.md
 	$(BIN)/skydog reproduce $(ARGS)

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +22,7 @@ from tyro.conf import arg
 from skydog import files
 from skydog.errors import Refusal
 
-HERE = Path(__file__).resolve().parent
+CHECKOUT = Path(__file__).resolve().parents[1]
 
 OURS = Path(sys.executable)
 
@@ -52,16 +52,18 @@ class Slice:
 class Worker:
     """A process of its own, pinned to a core, asleep except during its slices."""
 
-    def __init__(self, python: Path, script: str, core: int, remedy: str, **task: Any):
-        self.name, self._remedy = script, remedy
+    def __init__(self, side: "Side", core: int, remedy: str = ""):
+        self.name, self._remedy = side.script, remedy
+        source = {"PYTHONPATH": str(side.checkout / "src")} if side.checkout != CHECKOUT else {}
         self._process = subprocess.Popen(
-            [str(python), str(HERE / script), str(core)],
+            [str(side.python), str(side.checkout / "benchmarks" / side.script), str(core)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            env={**os.environ, **source},
         )
-        if task:
-            self.tell(**task)
+        if side.task:
+            self.tell(**side.task)
         self.versions = self.hear()
 
     def tell(self, **request: Any) -> None:
@@ -91,12 +93,22 @@ class Worker:
 
 
 @dataclass(frozen=True)
+class Side:
+    """Who takes part in a contest: an interpreter, its worker, and the task that it is given."""
+
+    python: Path
+    script: str
+    task: dict[str, Any] = field(default_factory=dict)
+    checkout: Path = CHECKOUT  # the revision of skydog, and of the worker
+
+
+@dataclass(frozen=True)
 class Contest:
-    """A thing that ours and others do, in turns on one core: name, worker, what it is told."""
+    """A thing that ours and others do, in turns on one core."""
 
     title: str
     unit: str
-    sides: dict[str, tuple[Path, str, dict[str, Any]]]
+    sides: dict[str, Side]
     aims: dict[str, float]  # by whom: how many times as fast ours shall be
 
 
@@ -104,6 +116,7 @@ def bench(
     rounds: int = 5,
     seconds: float = 2.0,
     peers: Annotated[Path, arg(metavar="FOLDER")] = Path(".venv-peers"),
+    before: Annotated[Path | None, arg(metavar="FOLDER")] = None,
     out: Annotated[Path | None, arg(metavar="FILE.md")] = None,
 ) -> None:
     """Time skydog beside Stable-Baselines3, SBX and VMAS, and write one table.
@@ -117,6 +130,8 @@ def bench(
         rounds: How many times each is timed.
         seconds: About how long a slice of each lasts.
         peers: The virtual environment of the peers, made from benchmarks/peers.txt.
+        before: A checkout of another revision of skydog, which takes part in every contest: a
+            ratio below 1 is what the present one lost.
         out: Where to write the table as Markdown, if given.
     """
     python = peers / "bin" / "python"
@@ -129,8 +144,8 @@ def bench(
     cores = sorted(os.sched_getaffinity(0))
     progress = Console(stderr=True)
     progress.print("Comparing the task with its copy in NumPy ...")
-    from growth import processor
     from same_task import check, lesson, numbers
+    from scaling import processor
 
     from skydog.learning import ddpg
 
@@ -143,13 +158,13 @@ def bench(
             "Training",
             "environment steps/s, one update each",
             {
-                "skydog DDPG": (OURS, "skydog_worker.py", {}),
-                "Stable-Baselines3 DDPG": (
+                "skydog DDPG": Side(OURS, "skydog_worker.py"),
+                "Stable-Baselines3 DDPG": Side(
                     python,
                     "peer_worker.py",
                     {"library": "stable_baselines3", **task},
                 ),
-                "SBX DDPG": (python, "peer_worker.py", {"library": "sbx", **task}),
+                "SBX DDPG": Side(python, "peer_worker.py", {"library": "sbx", **task}),
             },
             {"Stable-Baselines3 DDPG": 40, "SBX DDPG": 15},
         ),
@@ -158,8 +173,8 @@ def bench(
                 f"Worlds, {count:,} at a time",
                 "worlds stepped/s",
                 {
-                    "skydog, 3 sheep and a dog": (OURS, "worlds_worker.py", {"worlds": count}),
-                    "VMAS flocking, 4 agents": (python, "vmas_worker.py", {"worlds": count}),
+                    "skydog, 3 sheep and a dog": Side(OURS, "worlds_worker.py", {"worlds": count}),
+                    "VMAS flocking, 4 agents": Side(python, "vmas_worker.py", {"worlds": count}),
                 },
                 {"VMAS flocking, 4 agents": 100},
             )
@@ -169,16 +184,18 @@ def bench(
             "Missions, one at a time",
             "mission steps/s: rule dog, gate, the end, all recorded",
             {
-                "skydog.rollout, loops compiled whole": (
+                "skydog.rollout, loops compiled whole": Side(
                     OURS,
                     "rollout_worker.py",
                     {"flags": WHOLE},
                 ),
-                "skydog.rollout": (OURS, "rollout_worker.py", {"flags": ""}),
+                "skydog.rollout": Side(OURS, "rollout_worker.py", {"flags": ""}),
             },
             {},
         ),
     ]
+    if before is not None:
+        contests = [_with_before(contest, before.resolve()) for contest in contests]
     lines = [
         "# Benchmarks",
         "",
@@ -217,11 +234,18 @@ def bench(
         "",
         "Versions: " + ", ".join(f"{name} {number}" for name, number in versions.items()) + ".",
         "",
-        "How cost grows with sheep, worlds and seeds: [growth.md](growth.md).",
+        "How cost grows with sheep, worlds and seeds: [scaling.md](scaling.md).",
     ]
     print("\n".join(lines))
     if out is not None:
         files.write_text(out, "\n".join([*lines, ""]))
+
+
+def _with_before(contest: Contest, checkout: Path) -> Contest:
+    """The contest, in which another revision of skydog takes part beside this one."""
+    ours = {name: side for name, side in contest.sides.items() if side.python == OURS}
+    theirs = {f"{name}, before": replace(side, checkout=checkout) for name, side in ours.items()}
+    return replace(contest, sides={**ours, **theirs, **contest.sides})
 
 
 def _in_turns(
@@ -234,8 +258,8 @@ def _in_turns(
 ) -> dict[str, list[Slice]]:
     workers: dict[str, Worker] = {}
     try:
-        for name, (python, script, task) in contest.sides.items():
-            workers[name] = Worker(python, script, core, "run: make bench", **task)
+        for name, side in contest.sides.items():
+            workers[name] = Worker(side, core, "run: make bench")
             told = workers[name].versions
             versions |= {what: number for what, number in told.items() if what != "python"}
         steps = {name: _warm_up(worker, seconds) for name, worker in workers.items()}
@@ -272,18 +296,22 @@ def _table(contest: Contest, timed: dict[str, list[Slice]]) -> list[str]:
         if name != ours:
             pairs = zip(timed[ours], slices, strict=True)
             times = [one.speed / other.speed for one, other in pairs]
-            ratio = f"{statistics.median(times):.1f} × ({min(times):.1f} to {max(times):.1f})"
+            ratio = f"{_times(statistics.median(times))} × ({_times(min(times))} to {_times(max(times))})"
             aim = f"{contest.aims[name]:g} ×" if name in contest.aims else ""
         had = f"{min(slice.had for slice in slices):.0%}"
         lines.append(f"| {' | '.join([name, *cells, ratio, aim, had])} |")
     return lines
 
 
+def _times(ratio: float) -> str:
+    return f"{ratio:.1f}" if ratio >= 2 else f"{ratio:.3f}"
+
+
 def _second_core(cores: list[int], rounds: int, seconds: float) -> list[str]:
     """What two pinned trainings do together, beside what one does alone."""
     if len(cores) < 2:
         return ["This machine has one core."]
-    workers = [Worker(OURS, "skydog_worker.py", core, "") for core in cores[:2]]
+    workers = [Worker(Side(OURS, "skydog_worker.py"), core) for core in cores[:2]]
     try:
         steps = [_warm_up(worker, seconds) for worker in workers]
         scaled = []

@@ -32,8 +32,8 @@ class NumpyLesson:
         self.grouping = numbers["flock.grouping"]
         self.escape = numbers["flock.escape"]
         self.repulsion = numbers["flock.repulsion"]
-        self.stride = numbers["flock.speed"] * numbers["arena.dt"]
-        self.gathered_radius = numbers["flock.spread"] * sheep ** (2 / 3)
+        self.stride = numbers["sheep.speed"] * numbers["arena.dt"]
+        self.gathered_radius = numbers["spread.length"] * sheep ** (2 / 3)
         self.flight = numbers["dog.speed"] * numbers["arena.dt"]
         self.driving = numbers["dog.driving"] * math.sqrt(sheep)
         self.home = numbers["arena.size"]

@@ -11,7 +11,7 @@ from scipy.stats import ks_2samp
 
 from skydog.learning import lessons
 from skydog.learning.lessons import Episode, Lesson
-from skydog.world import params
+from skydog.world import presets, serialise
 
 TOLERANCE = 1e-4  # metres: single precision, in arenas of up to 40 m, against double
 UNLIKELY = 1e-3  # below this p, starts differ: of equal ones, ten p's fall below it one time in 100
@@ -38,14 +38,15 @@ class Agreement:
 
 def lesson() -> Lesson:
     """The task of the benchmark: drive three sheep in the paper's arena of 4 m."""
-    return Lesson(params.preset("paper", 4.0, 3), "drive", "progress", 3)
+    return Lesson(presets.preset("paper", 4.0, 3), "drive", "progress", 3)
 
 
 def numbers(task: Lesson) -> dict[str, float]:
     """The world's parameters and the lesson's own, as `NumpyLesson` takes them."""
     smallest, largest = lessons.SCALES
-    world = params.flatten(task.world)
-    return {name: float(value) for name, value in world.items() if value is not None} | {
+    world = serialise.flatten(task.world)
+    plain = {name: value for name, value in world.items() if isinstance(value, int | float)}
+    return plain | {
         "lesson.horizon": float(lessons.HORIZON[task.reward]),
         "lesson.smallest_scale": smallest,
         "lesson.largest_scale": largest,

@@ -1,4 +1,4 @@
-"""How cost grows with sheep, worlds and seeds, on whatever device jax runs: `growth.py --help`.
+"""How cost grows with sheep, worlds and seeds, on whatever device jax runs: `scaling.py --help`.
 
 Needs skydog, with the jax of the device, and nothing else.
 """
@@ -23,7 +23,7 @@ from skydog import files
 from skydog.learning import ddpg, train
 from skydog.learning.lessons import Lesson
 from skydog.world import mission, neighbours
-from skydog.world.params import preset
+from skydog.world.presets import preset
 
 SHEEP = (3, 10, 30, 100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)
 WORLDS = (1, 16, 256, 1_024, 4_096, 16_384, 65_536)
@@ -36,7 +36,7 @@ def main() -> None:
     """Time one flock, many worlds and many trainings, and print and write what was found."""
     parser = argparse.ArgumentParser(
         description="Time skydog's worlds and trainings on the device that jax runs on.",
-        epilog="Example: python benchmarks/growth.py --out docs/growth.md",
+        epilog="Example: python benchmarks/scaling.py --out docs/scaling.md",
     )
     parser.add_argument("--out", type=Path, help="where to write the tables, as Markdown")
     parser.add_argument("--most", type=int, default=10**6, help="leave out what is larger")
@@ -60,7 +60,7 @@ def main() -> None:
     lines = [
         "# How cost grows",
         "",
-        f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by `python benchmarks/growth.py` on "
+        f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by `python benchmarks/scaling.py` on "
         f"{where}; skydog {version('skydog')}, jax {jax.__version__}, Python "
         f"{platform.python_version()}; cells {'by numba' if _cells() else 'missing'}. The median "
         "of three timings each, compiling not counted.",
@@ -77,7 +77,7 @@ def main() -> None:
                 print(f"  {size:>8,}  {type(problem).__name__}", flush=True)
                 break
             print(f"  {size:>8,}  {found[-1][1]:>16,.0f}", flush=True)
-        lines += [f"## {title}", "", f"| {what} | {unit} | growth of cost |", "| --: | --: | --: |"]
+        lines += [f"## {title}", "", f"| {what} | {unit} | exponent |", "| --: | --: | --: |"]
         before: tuple[int, float] | None = None
         for size, speed in found:
             slope = ""
@@ -90,15 +90,15 @@ def main() -> None:
             before = size, speed
         lines.append("")
         costs[what] = [(size, (1.0 if measure is flock else size) / speed) for size, speed in found]
-    lines += ["![What a step costs, against size](growth.png)", ""]
-    lines.append("The growth is the slope in the logarithms from the row before: 1 is linear.")
+    lines += ["![What a step costs, against size](scaling.png)", ""]
+    lines.append("The exponent says how cost scales from the row before: 1 is linear.")
     if given.out:
         draw(costs, given.out.with_suffix(".png"))
         files.write_text(given.out, "\n".join([*lines, ""]))
 
 
 def draw(costs: dict[str, list[tuple[int, float]]], path: Path) -> None:
-    """What a step of everything costs, against size, both in logarithms; linear growth beside."""
+    """What a step of everything costs, against size, both in logarithms; beside it, exponent 1."""
     figure = Figure(figsize=(3.0 * len(costs), 2.6), layout="constrained")
     panels = figure.subplots(1, len(costs), squeeze=False)[0]
     for axes, (what, points) in zip(panels, costs.items(), strict=True):

@@ -36,4 +36,4 @@ class Slices:
         return True
 
 
-train.train(same_task.lesson(), ddpg.Config(), seed=0, steps=sys.maxsize, listen=Slices())
+train.train(same_task.lesson(), ddpg.Config(), seed=0, steps=sys.maxsize, callback=Slices())

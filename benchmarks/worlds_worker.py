@@ -11,7 +11,7 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 
 from skydog.world import mission  # noqa: E402
-from skydog.world.params import preset  # noqa: E402
+from skydog.world.presets import preset  # noqa: E402
 
 CHUNK = 200  # steps of every world in a call
 

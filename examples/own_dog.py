@@ -23,7 +23,7 @@ def circler(world: skydog.World, state: skydog.State):
     # Round on the shorter side, and meanwhile out to the circle or in to it.
     left = jnp.stack([-out[:, 1], out[:, 0]], axis=-1)
     side = jnp.where(jnp.sum(left * there, axis=-1, keepdims=True) >= 0.0, 1.0, -1.0)
-    room = herding.gathered_radius(world.flock, len(state.sheep))  # f(N), metres
+    room = herding.gathered_radius(world, len(state.sheep))  # f(N), metres
     too_near = room - norm(state.dogs - centre)[:, None]
     around = side * left + jnp.clip(too_near, -1.0, 1.0) * out
     return fastest(world.dog, jnp.where(cosine >= BEHIND, subgoal - state.dogs, around))

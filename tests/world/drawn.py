@@ -5,6 +5,7 @@ same tie in float32 and in float64.
 """
 
 from dataclasses import fields, replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -43,7 +44,7 @@ def _with(world: World, part: str, **changes) -> World:
 
 
 @st.composite
-def scenes(draw, law=PaperFlock, shapes=SHAPES, **parameters):
+def scenes(draw, law: Any = PaperFlock, shapes=SHAPES, **parameters):
     """A world of the paper or of another law, its goal anywhere or on a sheep, and a state."""
     size = draw(st.sampled_from([4.0, 6.0]))
     state = draw(states(0.0, size, shapes=shapes))
@@ -57,7 +58,7 @@ def scenes(draw, law=PaperFlock, shapes=SHAPES, **parameters):
 
 
 @st.composite
-def mixed_scenes(draw, law=PaperFlock, shapes=SHAPES):
+def mixed_scenes(draw, law: Any = PaperFlock, shapes=SHAPES):
     """A scene in which each sheep has its own of every parameter, its speed included."""
     world, state = draw(scenes(law, shapes))
     count = len(state.sheep)

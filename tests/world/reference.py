@@ -215,7 +215,7 @@ def force_is_close_call(world, sheep, dogs, previous):
         ]
         if any(_nearly_cancels(v) for v in vectors):
             return True
-        if nearest(world) is not None and nearest(world) < len(sheep) - 1:
+        if (nearest(world) or len(sheep)) < len(sheep) - 1:
             apart = [length(sheep[k] - sheep[i]) for k in range(len(sheep)) if k != i]
             if _nearly_equal(apart):
                 return True

@@ -264,6 +264,7 @@ def test_poses_of_which_one_is_missing_or_misshapen_are_refused(tmp_path, finish
 @pytest.mark.parametrize("every", [2, 7, 40, 1000, None])
 def test_sheep_recorded_now_and_then_are_those_of_the_whole_mission_and_measure_the_same(every):
     whole, thin = a_mission(200), a_mission(200, every)
+    assert thin.recorded is not None
     at = np.asarray(thin.recorded[0])
     assert at[0] == 0
     assert at[-1] == 200
@@ -282,6 +283,7 @@ def test_a_thinned_trace_comes_back_and_is_drawn_at_the_instants_it_has(tmp_path
     traces.save(tmp_path / "x", thin, "rule")
     back, _ = traces.load(tmp_path / "x")
     assert len(back.time) == int(metrics.steps(thin)) + 1
+    assert back.recorded is not None
     assert int(back.recorded[-1]) == len(back.time) - 1
     for metric in (metrics.success, metrics.steps, metrics.steps_gcm, metrics.distance):
         np.testing.assert_allclose(metric(back), metric(thin), rtol=1e-6)

@@ -34,7 +34,7 @@ class Dog(eqx.Module):
     stall: Scalar = 0.0  # the rule dog stands while a sheep is nearer than this; 0 is off
     actuation_noise: Scalar = 0.0  # SD of the error of each component of a flown velocity
     perception_noise: Scalar = 0.0  # SD of the error of each coordinate that a dog sees
-    limits: Limits = AnyDirection()  # which velocities it can fly
+    limits: Any = AnyDirection()  # which velocities it can fly: a `skydog.world.limits.Limits`
 
 
 class Arena(eqx.Module):
@@ -77,16 +77,17 @@ class End(Protocol):
 class World(eqx.Module):
     """Everything that a mission takes for granted: a pytree, fit for jit and vmap.
 
-    Each part can be exchanged for one of your own with `dataclasses.replace`.
+    Each part can be exchanged for one of your own with `dataclasses.replace`. The laws among them
+    may have parameters of their own; `check` sees to it that each has its methods.
     """
 
-    flock: Flock  # how sheep move: see `skydog.world.laws`
+    flock: Any  # how sheep move: a `skydog.world.laws.Flock`
     sheep: Sheep
     dog: Dog
     arena: Arena
-    spread: Spread  # f(N): gate and success use it, and presets for the goal's radius
-    home: Home  # which way is home: `skydog.world.home`
-    end: End  # when a mission is accomplished: `skydog.world.end`
+    spread: Any  # f(N), for gate and success: a `skydog.world.spread.Spread`
+    home: Any  # which way is home: a `Home`
+    end: Any  # when a mission is accomplished: an `End`
 
 
 def check(world: World) -> World:
