@@ -296,7 +296,8 @@ def _table(contest: Contest, timed: dict[str, list[Slice]]) -> list[str]:
         if name != ours:
             pairs = zip(timed[ours], slices, strict=True)
             times = [one.speed / other.speed for one, other in pairs]
-            ratio = f"{_times(statistics.median(times))} × ({_times(min(times))} to {_times(max(times))})"
+            middle, least, most = map(_times, (statistics.median(times), min(times), max(times)))
+            ratio = f"{middle} × ({least} to {most})"
             aim = f"{contest.aims[name]:g} ×" if name in contest.aims else ""
         had = f"{min(slice.had for slice in slices):.0%}"
         lines.append(f"| {' | '.join([name, *cells, ratio, aim, had])} |")

@@ -45,7 +45,7 @@ def numbers(task: Lesson) -> dict[str, float]:
     """The world's parameters and the lesson's own, as `NumpyLesson` takes them."""
     smallest, largest = lessons.SCALES
     world = serialise.flatten(task.world)
-    plain = {name: value for name, value in world.items() if isinstance(value, int | float)}
+    plain = {name: float(value) for name, value in world.items() if isinstance(value, int | float)}
     return plain | {
         "lesson.horizon": float(lessons.HORIZON[task.reward]),
         "lesson.smallest_scale": smallest,

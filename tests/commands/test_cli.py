@@ -117,6 +117,16 @@ def test_the_help_lists_every_command_and_does_not_import_jax():
         ("train --seeds 0", "0", "--seeds 8"),
         ("test nowhere.safetensors", "nowhere.safetensors", "check the path"),
         ("replay nowhere.safetensors", "nowhere.safetensors", "check the path"),
+        ("test strombom --steps 0", "0", "--steps 1000"),
+        ("test strombom --steps 99999999999", "99999999999", "--steps 1000"),
+        ("test strombom --every 0", "0", "--every 10"),
+        ("test strombom --world flocks.py", "'flocks.py'", "FILE.py:NAME"),
+        ("test strombom --world none.py:world", "none.py", "check the path"),
+        ("train --world none.py:world", "none.py", "check the path"),
+        ("watch --world none.py:world", "none.py", "check the path"),
+        ("test strombom --world a.py:b --preset paper-w05", "a.py:b", "leave one of them out"),
+        ("train --world a.py:b --preset paper-w05", "a.py:b", "leave one of them out"),
+        ("watch --world a.py:b --preset paper-w05", "a.py:b", "leave one of them out"),
     ],
 )
 def test_a_wrong_value_is_refused_in_one_line_with_its_remedy(refused, arguments, value, remedy):
@@ -242,6 +252,28 @@ def test_a_test_writes_its_results_and_a_trace_per_mission(skydog, tmp_path):
         trace, shepherd = traces.load(tmp_path / f"kept/traces/Strombom-4x4-{case}.safetensors")
         assert shepherd == "Strombom-4x4"
         assert trace.sheep.shape[1:] == (3, 2)
+
+
+def test_a_mission_may_take_longer_than_a_thousand_steps_and_record_some_of_them(skydog, tmp_path):
+    options = ["--arena", "30", "--cases", "2", "--json"]
+    short = json.loads(skydog("test", "strombom", *options)[1])
+    assert short["success"] == 0.0
+    assert short["steps"]["mean"] == 1000
+    _, out, _ = skydog(
+        "test", "strombom", *options, "--steps", "4000", "--out", "far", "--every", "50"
+    )
+    whole = json.loads(out)
+    assert whole["success"] == 1.0
+    assert 1000 < whole["steps"]["mean"] < 4000
+    trace, _ = traces.load(tmp_path / "far/traces/Strombom-30x30-1.safetensors")
+    assert len(trace.time) > 1000
+    assert len(trace.sheep) < 0.03 * len(trace.time)
+    # The figures are those of the whole mission, however much of it was kept.
+    assert json.loads(skydog("test", "strombom", *options, "--steps", "4000")[1]) == whole
+    code, _, err = skydog("replay", "far/traces/Strombom-30x30-1.safetensors", "-o", "far.html")
+    assert (code, err) == (0, "")
+    page = (tmp_path / "far.html").read_text()
+    assert '"step":[0,50,100,' in page
 
 
 @pytest.mark.parametrize(("name", "begins"), [("x.html", b"<!"), ("x.gif", b"GIF89a")])
