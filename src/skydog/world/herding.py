@@ -67,7 +67,7 @@ def collecting_points(
     than f(N), or, for the first choice, the furthest sheep wherever it is.
     """
     way = world.home.way(world, sheep)
-    points = sheep - world.dog.collecting * way.push
+    points = sheep + world.dog.collecting * -way.push
     if len(dogs) == 1:
         stray = jnp.argmax(way.stray)
         return points[stray][None], jnp.ones(1, bool)

@@ -17,10 +17,10 @@ class StraightHome(eqx.Module):
     def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
         """Who strays, whither to push, and where to drive. Positions in metres."""
         centre = herding.gcm(sheep)
-        home = herding.goal(world.arena) - centre
+        from_goal, from_centre = centre - herding.goal(world.arena), sheep - centre
         return Way(
-            drive=unit(home),
-            distance=norm(home),
-            stray=norm(sheep - centre),
-            push=unit(centre - sheep),
+            drive=-unit(from_goal),
+            distance=norm(from_goal),
+            stray=norm(from_centre),
+            push=-unit(from_centre),
         )
