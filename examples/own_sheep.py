@@ -12,7 +12,7 @@ def main(count: int = 200) -> dict[str, dict[str, dict]]:
     world = skydog.preset("paper", arena=4.0)
     flocks = {
         "cohesive, as in the paper": world,
-        # A world is a tree of numbers; eqx.tree_at gives a copy in which some are others.
+        # A world is a pytree; eqx.tree_at gives a copy in which one number is another.
         "without grouping": eqx.tree_at(lambda w: w.flock.grouping, world, 0.0),
     }
     shepherds = {"strombom": skydog.Strombom(), "h-ddpg-4x4": skydog.load("h-ddpg-4x4")}
