@@ -70,8 +70,8 @@ def _cache_compiled() -> None:
 
 def _processor() -> str:
     """A mark of what the processor can do."""
-    told = Path("/proc/cpuinfo")
-    lines = told.read_text().splitlines() if told.exists() else [platform.processor()]
+    text = Path("/proc/cpuinfo")
+    lines = text.read_text().splitlines() if text.exists() else [platform.processor()]
     able = next((line for line in lines if line.startswith(("flags", "Features"))), lines[0])
     return f"{platform.machine()}-{zlib.crc32(able.encode()):08x}"
 

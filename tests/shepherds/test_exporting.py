@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +23,7 @@ from skydog.study.cases import cases
 from skydog.world import herding, mission, serialise
 from skydog.world.limits import AnyDirection
 from skydog.world.presets import preset
-from skydog.world.spread import TwoThirdsSpread
+from skydog.world.spread import FixedSpread, TwoThirdsSpread
 from skydog.world.state import State
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "numpy_sheepdog.py"
@@ -37,6 +38,8 @@ TIE = 1e-4
 
 def world_of(name: str, arena: float | None = None):
     """A preset, or a world in which nothing is as in the presets."""
+    if name == "fixed":
+        return replace(preset("paper", arena), spread=FixedSpread(1.1))
     if name != "other":
         return preset(name, arena)
     world = preset("paper", arena)
@@ -88,7 +91,7 @@ def flown(sheepdog, world, sheep, dog):
 def decided(world, sheep, flips):
     """Whether a case is further than `TIE` from where it flips, in float64."""
     away = np.linalg.norm(sheep - sheep.mean(axis=1, keepdims=True), axis=-1)
-    radius = world.spread.length * sheep.shape[1] ** (2 / 3)
+    radius = world.spread.radius(sheep.shape[1])
     furthest = np.sort(away, axis=1)
     scattered = furthest[:, -1] > radius
     second = furthest[:, -2] if sheep.shape[1] > 1 else np.full(len(sheep), -np.inf)
@@ -115,10 +118,14 @@ def scale(world) -> float:
 
 
 WORLDS = [("paper", 4.0), ("paper", 6.0), ("paper", 12.0), ("strombom2014", None), ("other", 4.0)]
+SPREADS = [("strombom2014-sqrt", None), ("fixed", 4.0)]
 
 
-@pytest.mark.parametrize(("name", "arena"), WORLDS)
-@pytest.mark.parametrize("dog", ALL)
+@pytest.mark.parametrize(
+    ("dog", "name", "arena"),
+    [(dog, *world) for dog in ALL for world in WORLDS]
+    + [("h-ddpg-4x4", *world) for world in SPREADS],
+)
 def test_the_file_flies_as_ours_from_random_states(dog, name, arena):
     world = world_of(name, arena)
     seen = set()
@@ -358,3 +365,45 @@ def test_home_is_home_to_the_last_digit_of_a_float32():
     at_home = [exporting.model(sheepdog, preset("paper", arena), {}) for arena in (4.0, 4.00000001)]
     operations = [[node.op_type for node in model.graph.node] for model in at_home]
     assert operations[0] == operations[1]
+
+
+class Own(eqx.Module):
+    """A law of one's own, of any kind."""
+
+    def radius(self, sheep):
+        return 1.0
+
+    def way(self, world, sheep):
+        return world.home.way(world, sheep)
+
+    def limit(self, velocity, speed):
+        return velocity
+
+    def fastest(self, direction, speed):
+        return direction
+
+    def force(self, state, key):
+        return jnp.zeros_like(state.sheep)
+
+    def accomplished(self, world, state):
+        return jnp.asarray(False)
+
+
+@pytest.mark.parametrize("part", ["spread", "home", "limits"])
+def test_a_law_that_the_file_cannot_hold_is_refused_by_its_name(part):
+    sheepdog, card = store.read("h-ddpg-4x4")
+    world = preset("paper")
+    if part == "limits":
+        world = replace(world, dog=replace(world.dog, limits=Own()))
+    else:
+        world = replace(world, **{part: Own()})
+    with pytest.raises(Refusal, match=r"not own: .*Own"):
+        exporting.model(sheepdog, world, card)
+
+
+def test_sheep_of_another_law_and_another_end_change_nothing_in_the_file():
+    sheepdog, card = store.read("h-ddpg-4x4")
+    world = preset("paper")
+    other = replace(world, flock=Own(), end=Own())
+    usual, changed = (exporting.model(sheepdog, each, card).graph for each in (world, other))
+    assert usual == changed

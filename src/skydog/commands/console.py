@@ -70,7 +70,7 @@ class TrainingBars:
         self._bars.stop()
 
     def update(self, message: Message) -> None:
-        """Show what a worker tells. A training that has ended makes room for the next."""
+        """Show a worker's message. A training that has ended makes room for the next."""
         job = message.job
         if job.name not in self._rows:
             self._rows[job.name] = self._bars.add_task(

@@ -113,7 +113,7 @@ class HerdTask(eqx.Module):
 
 
 class LessonTask(eqx.Module):
-    """A lesson as it is taught to our own learners: `skydog.learning.lessons.Lesson`."""
+    """A lesson as our own learners train on it: `skydog.learning.lessons.Lesson`."""
 
     lesson: Lesson
     dogs: int = eqx.field(static=True, default=1)

@@ -40,7 +40,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Message:
-    """What a worker tells of its job: progress, or how it ended."""
+    """A worker's message about its job: progress, or how it ended."""
 
     job: Job
     progress: Any = None  # a `train.Progress`

@@ -43,7 +43,7 @@ def cases(
 
 
 def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: int = 1) -> State:
-    """One start, of the kinds that `cases` tells of."""
+    """One start, of the kinds that `cases` explains."""
     drawn = mission.reset(world, key, sheep, dogs)
     if starts == "random":
         return drawn

@@ -149,11 +149,11 @@ def compared(measured: Measured) -> list[Finding]:
     """What came of each of `CLAIMS`: reproduced if every comparison of it holds."""
     findings = []
     for claim in CLAIMS:
-        held, told = zip(*(less.holds(measured) for less in claim.comparisons), strict=True)
+        held, sentences = zip(*(less.holds(measured) for less in claim.comparisons), strict=True)
         verdict = held[0] if len(set(held)) == 1 else "reproduced in part"
         if "reproduced" not in held and len(set(held)) > 1:
             verdict = "not reproduced"
-        findings.append(Finding(claim.title, claim.says, verdict, " ".join(told)))
+        findings.append(Finding(claim.title, claim.says, verdict, " ".join(sentences)))
     return findings
 
 
@@ -162,7 +162,7 @@ def accomplished(rows: dict[str, Any], random: dict[str, Any]) -> list[Finding]:
     learnt = [name for name in rows if not name.startswith("Strombom")]
     rule = [name for name in rows if name.startswith("Strombom")]
 
-    def told(names: list[str]) -> str:
+    def shares(names: list[str]) -> str:
         return " ".join(f"{name}: {of_all(rows[name])}, {of_all(random[name])}." for name in names)
 
     def of_all(row: dict[str, Any]) -> str:
@@ -175,13 +175,13 @@ def accomplished(rows: dict[str, Any], random: dict[str, Any]) -> list[Finding]:
             "The learnt dogs accomplish every mission",
             "Success of 100 % in all six scenarios of DHRL and H-DDPG, the scaled ones included.",
             "reproduced" if every else "not reproduced",
-            told(learnt),
+            shares(learnt),
         ),
         Finding(
             "The rule dog fails one mission in thirty",
             "Success of 96.67 % for Strömbom in both arenas.",
             "reproduced" if fails else "not reproduced",
-            told(rule) + " 29 of 30 lies within the interval of 30 of 30, so that the two "
+            shares(rule) + " 29 of 30 lies within the interval of 30 of 30, so that the two "
             "studies do not contradict each other; on our cases the rule dog does not fail.",
         ),
     ]
@@ -213,7 +213,7 @@ def carried_over(moved: dict[str, dict[str, Any]]) -> list[Finding]:
 
 def learnt(curves: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[Finding]:
     """What came of the learning curves, from those of the paper's own lessons, a seed each."""
-    told, good = [], []
+    sentences, good = [], []
     for name, seeds in curves.items():
         rewards = [reward for _, reward in seeds if len(reward)]
         if not rewards:  # lessons so short that ten episodes did not end
@@ -221,7 +221,7 @@ def learnt(curves: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[Findi
         early = np.array([reward[:10][-1] for reward in rewards])  # episodes 91 to 100
         late = np.array([reward[-(len(reward) // 10 or 1) :].mean() for reward in rewards])
         good.append(late.mean() >= PLATEAU)
-        told.append(
+        sentences.append(
             f"{name}: {early.mean():.3f} ± {early.std():.3f} after 100 episodes, "
             f"{late.mean():.3f} ± {late.std():.3f} over the last tenth."
         )
@@ -230,7 +230,8 @@ def learnt(curves: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[Findi
         '"The cumulative total rewards per action [...] increase significantly in the first 100 '
         'episodes, and then becomes relatively stable with a value of approximately 0.09."',
         "reproduced" if all(good) else "reproduced in part" if any(good) else "not reproduced",
-        " ".join(told) + " A high reward is no herding: the paper's pays for never arriving too.",
+        " ".join(sentences)
+        + " A high reward is no herding: the paper's pays for never arriving too.",
     )
     return [found]
 

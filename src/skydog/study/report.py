@@ -132,12 +132,12 @@ def report(
     `figures` are inline SVG by caption and `player` is the replay as an HTML fragment, both
     from `skydog.view`; `command` is what the user typed and `notes` are sentences, as text.
     """
-    told = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    text = "".join(f"<p>{escape(note)}</p>" for note in notes)
     sections = {
         "Results": _html(rows),
         "Figures": figures_html(figures),
         "Replay": player,
-        "Notes": told,
+        "Notes": text,
     }
     return document(
         "Aerial shepherding: results",

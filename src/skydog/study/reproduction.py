@@ -62,7 +62,7 @@ def rows(results: dict[str, Any]) -> list[Row]:
 
 def page(results: dict[str, Any], figures: dict[str, str], player: str, command: str) -> str:
     """The report: every table, figure and claim in one HTML page; `figures` are inline SVG."""
-    shown = {told: figures[file] for told, file in FIGURES.items()}
+    shown = {title: figures[file] for title, file in FIGURES.items()}
     sections = {
         "The eight scenarios": html_table(*_eight(results))
         + f'<p class="quiet">{report.HOW_TO_READ} {escape(results["rule"])}</p>',
@@ -112,7 +112,7 @@ def document(results: dict[str, Any], command: str) -> str:
         "From one arena to another": _transfer(results["transfer"]),
         "Is it luck? Every seed": _seeds(results["seeds"]),
     }
-    lines += [line for told, file in FIGURES.items() for line in (f"![{told}]({file}.png)", "")]
+    lines += [line for title, file in FIGURES.items() for line in (f"![{title}]({file}.png)", "")]
     for title, (head, body) in tables.items():
         lines += [f"## {title}", "", markdown_table(head, body)]
     lines += ["## How to read this", "", report.HOW_TO_READ, "", results["rule"], ""]
@@ -130,7 +130,7 @@ def _eight(results: dict[str, Any]) -> Table:
 
 
 def _metrics(by_name: dict[str, Any]) -> Table:
-    head = ["scenario", "success", *(told for told, _ in METRICS.values())]
+    head = ["scenario", "success", *(title for title, _ in METRICS.values())]
     body = [
         [
             name,

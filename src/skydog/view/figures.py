@@ -95,8 +95,8 @@ def transfer(lines: dict[str, dict[str, dict[str, Any]]]) -> Figure:
             for axes, ends in bands:
                 low, high = zip(*ends, strict=True)
                 axes.fill_between(sizes, low, high, color=colour, alpha=0.12, linewidth=0)
-        for axes, told in ((success, "missions accomplished (%)"), (steps, "steps")):
-            axes.set(xlabel="side of the arena (m)", ylabel=told)
+        for axes, label in ((success, "missions accomplished (%)"), (steps, "steps")):
+            axes.set(xlabel="side of the arena (m)", ylabel=label)
             axes.grid(color="#E6E6E6", linewidth=0.6)
             axes.set_axisbelow(True)
         success.set_ylim(-3, 103)

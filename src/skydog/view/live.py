@@ -60,7 +60,7 @@ def serve(
     ready: Callable[[str], None] = print,
     worlds: Worlds = PRESETS,
 ) -> None:
-    """Serve the live view until Ctrl-C. `ready` hears its address as soon as it listens.
+    """Serve the live view until Ctrl-C. `ready` is called with its address as soon as it listens.
 
     Pages choose among `shepherds` and `worlds` by name, and begin with the `chosen` shepherd and
     the `preset`. A port of 0 is any that is free. Raises `Refusal` for a world that cannot be, and
@@ -238,7 +238,7 @@ class Pages:
         session = sessions.new(self.begin, self.worlds)
         clock = asyncio.get_running_loop().time
         sent, owed, before, due = 0, 0.0, clock(), clock()
-        known: dict[str, Any] = {}  # what the page need not be told again
+        known: dict[str, Any] = {}  # what need not be sent again
         await socket.send(json.dumps({"hello": self._hello()}))
         while True:
             while not inbox.error and (
@@ -272,7 +272,7 @@ class Pages:
                     log.exception("%s failed", session.settings.policy)
                     inbox.error = f"{session.settings.policy} failed: {short(str(error))}"
                     session = replace(good, settings=replace(good.settings, paused=True))
-                    inbox.messages.insert(0, {"paused": True})  # so that the page hears of it
+                    inbox.messages.insert(0, {"paused": True})  # so that the page is sent it
                     continue
                 sent += 1
                 fresh = {

@@ -90,7 +90,7 @@ def decide(
 
     The sheep decide on `state`, and subgoals and behaviours are those of `state`; the dogs
     decide on `seen`, if they see something else. `key` draws what is random in the sheep's law.
-    The kinematic world moves everyone as decided (`move`); bodies with physics are told to.
+    The kinematic world moves everyone as decided (`move`); bodies with physics try to.
     """
     velocity = shepherd(world, state if seen is None else seen)
     subgoal, drives = herding.gate(world, state.sheep, state.dogs)
@@ -130,7 +130,7 @@ def step(
     velocity: Float[Array, "dogs 2"],
     key: PRNGKeyArray | None = None,
 ) -> State:
-    """The world one `dt` later, the dogs told to fly `velocity` in m/s.
+    """The world one `dt` later, the dogs commanded to fly `velocity` in m/s.
 
     `key` draws the noise that the world's parameters ask for; without one there is none.
     """

@@ -222,7 +222,7 @@ def _check(
 
 
 def _ending(path: Path, card: dict[str, Any], instants: int) -> Ending | None:
-    """How the mission ended, if the file tells; those of skydog before November 2026 do not."""
+    """How the mission ended, if the file says so; older ones do not."""
     if "ending" not in card:
         return None
     how, steps = card["ending"], card.get("steps")
