@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from skydog.errors import Refusal
 from skydog.shepherds.strombom import Strombom
 from skydog.study import evaluate
 from skydog.study.cases import cases
@@ -128,3 +129,30 @@ def test_missions_at_home_from_the_start_are_recorded_whole():
     flown = evaluate.fly(WORLD, Strombom(), starts, 30)
     assert bool(flown.accomplished.all())
     assert np.ptp(np.asarray(flown.sheep), axis=1).max() == 0.0
+
+
+@pytest.mark.parametrize("every", [1, 7, None])
+def test_flocks_so_large_that_few_instants_fit_in_a_chunk_fly_alike(monkeypatch, every):
+    starts = cases(WORLD, 3, "random", seed=5)
+    usual = evaluate.fly(WORLD, Strombom(), starts, 40, every=every)
+    monkeypatch.setattr(evaluate, "CHUNK_NUMBERS", 2 * 3 * 3 * 4)  # four instants
+    jax.clear_caches()
+    small = evaluate.fly(WORLD, Strombom(), starts, 40, every=every)
+    for here, there in zip(jax.tree.leaves(small), jax.tree.leaves(usual), strict=True):
+        np.testing.assert_allclose(here, there, atol=1e-3)
+
+
+@pytest.mark.parametrize("every", [0, -3])
+def test_sheep_recorded_at_no_instants_are_refused(every):
+    with pytest.raises(Refusal, match="--every 10"):
+        evaluate.fly(WORLD, Strombom(), cases(WORLD, 1), 5, every=every)
+
+
+def test_a_world_without_noise_has_no_key_and_one_with_noise_the_same_for_a_seed():
+    noisy = replace(WORLD, dog=replace(WORLD.dog, actuation_noise=0.2))
+    assert evaluate.noise_key(WORLD, 3) is None
+    key, again, other = (evaluate.noise_key(noisy, seed) for seed in (3, 3, 4))
+    assert key is not None
+    assert other is not None
+    assert key == again
+    assert key != other
