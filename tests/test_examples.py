@@ -121,7 +121,7 @@ def test_the_command_trains_on_a_law_of_ones_own_and_flies_what_it_taught(skydog
     assert float(sheepdog.arena) == 5.0
     assert card["name"] == "H-DDPG-5x5-own_law"
     assert (card["preset"], card["own_world"]) == (None, own)
-    assert card["world"]["flock.law"] == "own: own_own_law.Calm"
+    assert card["world"]["flock.law"] == "own: skydog_world_own_law.Calm"
     # The lessons were of these sheep: of the paper's, other skills come.
     usual = training.fuse(Curriculum(arena=5.0, steps=2000, own_world=own), tmp_path / "own", 0)[0]
     lesson = Curriculum(arena=5.0, steps=2000).lesson("drive")

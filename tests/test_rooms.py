@@ -27,8 +27,11 @@ def room_of(module):
 def imports(file):
     """The modules of skydog that a file imports, wherever in it and for whatever reason."""
     for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file} imports relatively, in line {node.lineno}"
+        if isinstance(node, ast.Constant) and re.fullmatch(r"skydog(\.\w+)+", str(node.value)):
+            yield str(node.value)  # what import_module may be given
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "skydog":
-            assert node.level == 0
             if node.module == "skydog":
                 yield from (f"skydog.{name.name}" for name in node.names)
             else:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from skydog.world.mission import Shepherd as Shepherd
     from skydog.world.mission import accomplished as accomplished
     from skydog.world.mission import decide as decide
+    from skydog.world.mission import move as move
     from skydog.world.mission import reset as reset
     from skydog.world.mission import rollout as rollout
     from skydog.world.mission import step as step
@@ -44,6 +45,7 @@ _HOMES = {
     "Shepherd": "skydog.world.mission",
     "accomplished": "skydog.world.mission",
     "decide": "skydog.world.mission",
+    "move": "skydog.world.mission",
     "reset": "skydog.world.mission",
     "rollout": "skydog.world.mission",
     "step": "skydog.world.mission",

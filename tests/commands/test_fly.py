@@ -61,7 +61,7 @@ def test_a_test_of_falling_drones_is_a_row_of_failures_whose_traces_say_why(tmp_
     assert_all_fell(results["Strombom-4x4"], 3)
     path = tmp_path / "traces" / "Strombom-4x4-1.safetensors"
     flown, _ = traces.load(path)
-    assert traces.ending(flown) == "UAV down"
+    assert traces.how_it_ended(flown) == "UAV down"
     assert flown.poses is not None
     assert float(flown.poses.altitude[-1, 0]) == 0.0
     for name in ("x.html", "x.gif"):
@@ -88,5 +88,5 @@ def test_the_study_is_flown_by_what_flies():
     assert not first["success"].any()
     assert (len(first["steps"]), len(random["steps"])) == (30, 1000)
     assert (random["steps"] == 1000).all()
-    assert traces.ending(shown) == "UAV down"
+    assert traces.how_it_ended(shown) == "UAV down"
     assert jax.tree.leaves(shown.poses)

@@ -63,7 +63,7 @@ def test_the_zoo_is_what_the_study_wrote(study):
         assert float(dog.arena) == float(name[-1])
 
 
-def test_learning_curves_survive_their_table(trained, tmp_path):
+def test_learning_curves_survive_their_table(tmp_path):
     episodes = np.array([10.0, 20.0, 30.0])
     curves = {
         "a drive": [(episodes, np.array([0.25, -0.5, 0.125])), (episodes[:1], np.array([0.5]))],

@@ -77,10 +77,10 @@ class Door(eqx.Module):
     def way(self, world, sheep):
         centre = herding.gcm(sheep)
         return Way(
-            drive=unit(self.door - centre),
-            distance=norm(self.door - centre),
-            stray=norm(self.door - sheep),
-            push=unit(self.door - sheep),
+            drive_direction=unit(self.door - centre),
+            distance_home=norm(self.door - centre),
+            stray_distance=norm(self.door - sheep),
+            push_direction=unit(self.door - sheep),
         )
 
 
@@ -88,7 +88,7 @@ DOOR = jnp.array([0.0, 6.0])
 THROUGH = replace(WORLD, home=Door(DOOR))
 
 
-def test_home_decides_where_to_drive_who_strays_and_whither_to_push():
+def test_home_decides_where_to_drive_who_strays_and_where_to_push():
     centre = np.asarray(STATE.sheep).mean(axis=0)
     behind = (centre - DOOR) / np.linalg.norm(centre - DOOR)
     point = herding.driving_points(THROUGH, STATE.sheep, STATE.dogs[:1])[0]

@@ -160,7 +160,7 @@ def test_a_step_moves_everyone_as_is_decided(scene):
 def test_dogs_decide_on_what_they_see_and_sheep_on_what_is():
     world, state = preset("paper"), a_start()
     elsewhere = replace(state, sheep=state.sheep[:, ::-1] * 0.5, dogs=state.dogs + 0.7)
-    decided = mission.decide(world, Strombom(), state, elsewhere)
+    decided = mission.decide(world, Strombom(), state, seen=elsewhere)
     here, there = (mission.decide(world, Strombom(), seen) for seen in (state, elsewhere))
     assert np.array_equal(decided.velocity, there.velocity)
     assert not np.array_equal(decided.velocity, here.velocity)

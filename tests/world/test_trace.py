@@ -212,7 +212,7 @@ def test_how_a_mission_ended_comes_back(tmp_path, finished, how):
     trace = finished if how == "accomplished" else crashed(finished, 3, how)
     traces.save(tmp_path / "x", trace, "rule")
     back, _ = traces.load(tmp_path / "x")
-    assert traces.ending(back) == traces.ending(trace) == how
+    assert traces.how_it_ended(back) == traces.how_it_ended(trace) == how
     for metric in (metrics.success, metrics.steps, metrics.steps_gcm):
         assert metric(back) == metric(trace)
 

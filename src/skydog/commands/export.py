@@ -33,10 +33,13 @@ def export(
     """
     if not onnx:
         raise Refusal("export needs a format; add --onnx")
+    from skydog.commands import console
     from skydog.shepherds import exporting, store
     from skydog.world import presets
 
     dog, card = store.read(sheepdog)
+    if card.get("own_world"):
+        console.say(f"{sheepdog} was trained in {card['own_world']}; the file holds {preset}.")
     world = presets.preset(preset, float(dog.arena) if arena is None else arena)
     file = store.find(Path(sheepdog))
     own = file.absolute().parent.name if file.name == store.FILE else file.stem

@@ -18,17 +18,31 @@ Preset = Annotated[str, arg(metavar="NAME")]
 Arena = Annotated[float, arg(metavar="METRES")]
 MaybeArena = Annotated[float | None, arg(metavar="METRES")]
 OwnWorld = Annotated[str | None, arg(metavar="FILE.py:NAME")]
+MaybeSheep = Annotated[int | None, arg(metavar="INT")]
 Json = Annotated[bool, arg(name="json")]
 
 
-def world_of(preset: str, own: str | None, arena: float | None, sheep: int) -> "World":
+def own_sheep(own: str | None, sheep: int | None) -> int:
+    """The sheep of a flock: as many as asked for, or as many as the world has by itself."""
+    if sheep is not None:
+        return sheep
+    if own is None:
+        return 3
+    from skydog.world import loading
+
+    return loading.sheep_of(loading.maker(own))
+
+
+def world_of(
+    preset: str, own: str | None, arena: float | None, sheep: int, dogs: int = 1
+) -> "World":
     """The preset's world, or the one of your own, FILE.py:NAME. Raises `Refusal`."""
-    from skydog.world import loading, presets
+    from skydog.world import loading, mission, presets
 
     if own is None:
         return presets.preset(preset, arena, sheep)
     one_world(preset, own)
-    return presets.make(loading.maker(own), arena, sheep)
+    return mission.check(presets.make(loading.maker(own), arena, sheep), sheep, max(dogs, 1))
 
 
 def one_world(preset: str, own: str | None) -> None:

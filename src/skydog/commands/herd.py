@@ -43,10 +43,10 @@ def herd(
 
     Args:
         out: The run folder.
-        seed: Of the networks, the lessons' starts and the noise.
-        steps: Of training, for each of the two skills.
+        seed: Random seed of the networks, the lessons' starts and the exploration noise.
+        steps: Training steps for each of the two skills.
         arena: Side of the arena in metres, for the lessons and the test.
-        reward: How a lesson pays; `paper` is the paper's ±0.1.
+        reward: Reward function of the lessons; `paper` is the paper's ±0.1.
         cases: Missions that each shepherd flies.
         resume: Continue an interrupted run, bit for bit.
         as_json: Print the results as JSON instead of a table.

@@ -13,8 +13,9 @@ def presets(as_json: Json = False) -> int:
     Args:
         as_json: Print them as JSON instead of a table.
     """
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from skydog.world import presets, serialise
 
@@ -22,7 +23,14 @@ def presets(as_json: Json = False) -> int:
     if as_json:
         print(json.dumps(values, indent=2))
         return 0
-    table = Table("Parameter", *values, title="Presets (metres, seconds, m/s)")
+    table = Table(
+        Column("", no_wrap=True),
+        *(Column(name, overflow="fold") for name in values),
+        title="Presets, for 3 sheep (metres, seconds, m/s)",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        show_edge=False,
+    )
     names = dict.fromkeys(name for preset in values.values() for name in preset)
     for name in sorted(names, key=lambda name: name.split(".")[0] != "flock"):
         table.add_row(name, *(str(preset.get(name, "—")) for preset in values.values()))

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
-from skydog.commands.flags import Json, MaybeArena, MaybeOut, OwnWorld, Preset, world_of
+from skydog.commands.flags import (
+    Json,
+    MaybeArena,
+    MaybeOut,
+    MaybeSheep,
+    OwnWorld,
+    Preset,
+    one_world,
+    own_sheep,
+    world_of,
+)
 from skydog.errors import Refusal
 from skydog.shepherds.options import AtPoint
 from skydog.study.options import Starts
@@ -26,7 +36,7 @@ def test(
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,
-    sheep: int = 3,
+    sheep: MaybeSheep = None,
     dogs: int = 1,
     cases: int = 30,
     starts: Starts = "paper",
@@ -48,18 +58,18 @@ def test(
     Args:
         shepherd: A sheepdog's file, run folder or name, or the rule dog, strombom.
         preset: The world of the missions; see skydog presets.
-        world: A world of your own instead: a file of Python, which is run, and the name in it
-            of a world, or of a function of arena and sheep that makes one. See docs/own.md.
+        world: Your own world instead: the name of a world, or of a function of arena and sheep,
+            in a Python file, which is run. See docs/own.md.
         arena: Side of the arena in metres; the world's own if not given.
-        sheep: Sheep in the flock.
+        sheep: Sheep in the flock; as many as the world has if not given, 3 in a preset.
         dogs: Dogs, which all fly the same shepherd.
         cases: How many missions.
         starts: `paper` varies where the dogs start, `random` where the sheep do too.
-        seed: Of the starts and of the noise.
-        steps: Of a mission, at most; one that is not over by then has failed.
+        seed: Random seed of the starts and the noise.
+        steps: Maximum steps per mission; one that is not over by then has failed.
         at_point: Whether strombom keeps its speed at its point, or stops there.
         out: Where to write results.json and a trace per mission, if given.
-        every: With --out, record the sheep at every so many steps: of 10, a tenth of the file.
+        every: With --out, record the sheep every so many steps; 10 makes files ten times smaller.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -69,13 +79,20 @@ def test(
     from skydog.study import evaluate
     from skydog.world import loading
 
-    where = world_of(preset, world, arena, sheep)
+    one_world(preset, world)
+    sheep = own_sheep(world, sheep)
+    where = world_of(preset, world, arena, sheep, dogs)
     if not 1 <= steps <= MOST_STEPS:
         raise Refusal(f"a mission has 1 to {MOST_STEPS:,} steps, got {steps}; try --steps 1000")
     if every < 1:
         raise Refusal(f"the sheep are recorded every 1 step or more, got {every}; try --every 10")
     rule = shepherd == "strombom"
-    steers = Strombom(at_point=at_point) if rule else store.load(shepherd)
+    steers, card = (Strombom(at_point=at_point), {}) if rule else store.read(shepherd)
+    if card.get("own_world") and world is None:
+        console.say(
+            f"{shepherd} was trained in a world of your own; here it flies in {preset}. "
+            f"Add --world {card['own_world']} to fly it there."
+        )
     name = evaluate.scenario(steers, where)
     if world is not None:
         name += f"-{loading.title(world)}"

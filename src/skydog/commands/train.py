@@ -3,7 +3,17 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skydog.commands.flags import STOPPED, Json, MaybeArena, Out, OwnWorld, Preset, one_world
+from skydog.commands.flags import (
+    STOPPED,
+    Json,
+    MaybeArena,
+    MaybeSheep,
+    Out,
+    OwnWorld,
+    Preset,
+    one_world,
+    own_sheep,
+)
 from skydog.errors import Refusal
 from skydog.learning.options import Learner, Reward
 
@@ -22,7 +32,7 @@ def train(
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,
-    sheep: int = 3,
+    sheep: MaybeSheep = None,
     learner: Learner = "ddpg",
     reward: Reward = "progress",
     resume: bool = False,
@@ -39,16 +49,16 @@ def train(
 
     Args:
         out: The run folder; of several sheepdogs each has its own in it, such as seed-3.
-        seed: Of the first sheepdog.
+        seed: Random seed of the first sheepdog.
         seeds: How many sheepdogs, one per seed.
-        steps: Of training, for each of the two skills.
+        steps: Training steps for each of the two skills.
         preset: The world of the lessons; see skydog presets.
-        world: A world of your own instead: a file of Python, which is run, and the name in it
-            of a world, or of a function of arena and sheep that makes one. See docs/own.md.
+        world: Your own world instead: the name of a world, or of a function of arena and sheep,
+            in a Python file, which is run. See docs/own.md.
         arena: Side of the arena in metres; the world's own if not given.
-        sheep: Sheep in the flock.
+        sheep: Sheep in the flock; as many as the world has if not given, 3 in a preset.
         learner: `ddpg` makes the paper's H-DDPG; `dqn` its predecessor DHRL, of four actions.
-        reward: How a lesson pays; `paper` is the paper's ±0.1.
+        reward: Reward function of the lessons; `paper` is the paper's ±0.1.
         resume: Continue an interrupted run, bit for bit.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
         as_json: Print the results as JSON instead of a table.
@@ -58,6 +68,7 @@ def train(
     from skydog.study import evaluate
 
     one_world(preset, world)
+    sheep = own_sheep(world, sheep)
     curriculum = Curriculum(preset, arena, sheep, reward, steps, learner, own_world=world)
     command = console.command_line()
     results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from skydog.commands.flags import MaybeArena, OwnWorld, Preset, one_world
+from skydog.commands.flags import MaybeArena, MaybeSheep, OwnWorld, Preset, one_world, own_sheep
 
 
 def watch(
@@ -12,7 +12,7 @@ def watch(
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,
-    sheep: int = 3,
+    sheep: MaybeSheep = None,
     dogs: int = 1,
     host: str = "127.0.0.1",
     port: int = 8020,
@@ -28,12 +28,12 @@ def watch(
     Args:
         shepherd: A sheepdog's file, run folder or name, or the rule dog, strombom.
         preset: The world that pages begin with; see skydog presets.
-        world: A world of your own to begin with: a file of Python, which is run, and the name
-            in it of a world, or of a function of arena and sheep that makes one.
+        world: Your own world to begin with: the name of a world, or of a function of arena and
+            sheep, in a Python file, which is run. See docs/own.md.
         arena: Side of the arena in metres; as wide as the flock needs if not given.
-        sheep: Sheep in the flock, 1 to 200.
+        sheep: Sheep in the flock, 1 to 200; as many as the world has if not given.
         dogs: Dogs, 1 to 8.
-        host: The address to listen at; another than 127.0.0.1 lets others in.
+        host: The address to listen at; any but 127.0.0.1 can be reached from other computers.
         port: The port to listen at; 0 is any that is free.
         open_browser: Open the page in the browser at once.
     """
@@ -51,7 +51,9 @@ def watch(
     worlds = dict(presets.PRESETS)
     if world is not None:
         preset = loading.title(world)
-        worlds = {preset: loading.maker(world)} | worlds
+        preset = f"{preset} (yours)" if preset in worlds else preset
+        worlds = {preset: loading.maker(world), **worlds}
+    sheep = own_sheep(world, sheep)
     policies = live.policies(shepherd)
     live.serve(policies, shepherd, preset, arena, sheep, dogs, host, port, ready, worlds)
     return 0

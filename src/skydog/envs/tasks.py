@@ -61,7 +61,7 @@ class HerdTask(eqx.Module):
     mean distance to the goal, and how far the stray stands beyond f(N). Less `STEP_COST`; and
     `ACCOMPLISHED` when all are home and gathered, which ends the episode. It adds up to about
     the same over any mission that succeeds, less the time it took. Ours; the paper rewards
-    lessons only.
+    lessons only. Distances are straight ones, whatever the world's `home`.
     """
 
     world: World
@@ -185,7 +185,10 @@ def make_task(
         raise Refusal(
             f"world is one that skydog.preset makes, or a change of it, got {world!r:.60}"
         )
-    chosen = preset_world(preset, arena, sheep) if world is None else params.check(world)
+    if world is not None and (arena is not None or preset != "paper"):
+        raise Refusal("world takes the place of preset and arena; leave those out")
+    chosen = preset_world(preset, arena, sheep) if world is None else world
+    mission.check(chosen, sheep, dogs)
     traced = params.traced(chosen)
     if what == "herd":
         cases.check(where, sheep, dogs)

@@ -1,6 +1,7 @@
 """What a sheepdog is taught, where and how. Free to import, and to send to another process."""
 
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -28,15 +29,7 @@ class Curriculum:
 
     def world(self) -> "World":
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
-        from skydog.world import loading, presets
-
-        if self.steps < 1:
-            raise Refusal(
-                f"a skill is trained for at least 1 step, got {self.steps}; try --steps 150000"
-            )
-        if self.own_world is not None:
-            return presets.make(loading.maker(self.own_world), self.arena, self.sheep)
-        return presets.preset(self.preset, self.arena, self.sheep)
+        return _world(self)
 
     def lesson(self, skill: Skill) -> "Lesson":
         """The lesson that teaches a skill."""
@@ -81,3 +74,17 @@ class Curriculum:
             "learner": self.learner,
             "one_scale": self.one_scale,
         }
+
+
+@cache  # a world of one's own may take long to make, and the name of every message needs it
+def _world(curriculum: Curriculum) -> "World":
+    from skydog.world import loading, mission, presets
+
+    if curriculum.steps < 1:
+        raise Refusal(
+            f"a skill is trained for at least 1 step, got {curriculum.steps}; try --steps 150000"
+        )
+    if curriculum.own_world is not None:
+        made = presets.make(loading.maker(curriculum.own_world), curriculum.arena, curriculum.sheep)
+        return mission.check(made, curriculum.sheep)
+    return presets.preset(curriculum.preset, curriculum.arena, curriculum.sheep)

@@ -149,10 +149,10 @@ class Lesson(eqx.Module):
 
     def _flock_gain(self, world: World, before: State, after: State) -> Float[Array, ""]:
         """Metres by which the centre came nearer to the goal, or the stray to the centre."""
-        way = world.home.way(world, before.sheep)
+        way = herding.way_home(world, before.sheep)
         if self.skill == "drive":
-            return way.distance - world.home.way(world, after.sheep).distance
-        centre, stray = herding.gcm(before.sheep), jnp.argmax(way.stray)
+            return way.distance_home - herding.way_home(world, after.sheep).distance_home
+        centre, stray = herding.gcm(before.sheep), jnp.argmax(way.stray_distance)
         return norm(before.sheep[stray] - centre) - norm(after.sheep[stray] - centre)
 
     def subgoal(self, episode: Episode, aim: float = 1.0) -> Float[Array, "1 2"]:

@@ -220,6 +220,11 @@ def train(
         training, ended = advance(task, config, training, key, min(CHUNK, steps - done))
         done = int(training.step)
         history = _extend(history, ended)
+        if not _finite(training.agent):
+            raise Refusal(
+                f"the training diverged: a weight is not a finite number after {done:,} steps; "
+                "does the task give a reward or an observation that is not finite?"
+            )
         more = callback(_progress(history, done, steps))
         if folder is not None and done % CHECKPOINT < CHUNK:
             _save(folder, training, history, card)
@@ -268,6 +273,11 @@ def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, 
     leaves = [jnp.asarray(arrays[name]) for name in expected]
     training = jax.tree.unflatten(jax.tree.structure(like), leaves)
     return training, History(**history)
+
+
+@jax.jit
+def _finite(agent: Any) -> Bool[Array, ""]:
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(agent)]))
 
 
 def _blank(task: Task) -> Transition:

@@ -1,12 +1,14 @@
 """Fly a shepherd through cases, and say how good it was."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from operator import index
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
 from skydog.errors import Refusal
@@ -46,16 +48,19 @@ def fly(
 
     `key` draws the noise that the world's parameters ask for; None flies without any. The sheep
     are recorded at every `every`-th instant and at the last; None is the first and the last
-    alone. Every metric is the same for it. The trace takes 8 bytes per sheep, mission and
-    recorded instant, and some 40 per dog, mission and instant.
+    alone. Every metric is the same for it, to rounding. The trace takes 8 bytes per sheep, mission
+    and recorded instant, and some 40 per dog, mission and instant.
     """
     if every is not None and every < 1:
         raise Refusal(
             f"the sheep are recorded every 1 instant or more, got {every}; try --every 10"
         )
     keys = None if key is None else jax.random.split(key, len(starts.sheep))
-    every = index(steps) + 1 if every is None else index(every)
-    return _fly(params.traced(world), params.traced(shepherd), starts, index(steps), keys, every)
+    steps = mission.count(steps)
+    every = steps + 1 if every is None else index(every)
+    trace = _fly(params.traced(world), params.traced(shepherd), starts, steps, keys, every)
+    _refuse_lost(trace)
+    return trace
 
 
 def scenario(shepherd: Shepherd, world: World) -> str:
@@ -105,11 +110,41 @@ def figures(measured: dict[str, np.ndarray]) -> dict[str, Any]:
 
 def one_case(traces: Trace, case: int) -> Trace:
     """One mission out of those flown together."""
-    return jax.tree.map(lambda leaf: leaf[case], traces)
+    world = traces.world if _one_world(traces) else None
+    parts = {
+        each.name: jax.tree.map(lambda leaf: leaf[case], getattr(traces, each.name))
+        for each in fields(Trace)
+        if world is None or each.name != "world"
+    }
+    return Trace(**parts) if world is None else Trace(world=world, **parts)
+
+
+def _one_world(traces: Trace) -> bool:
+    """Whether missions share the world that they were given; else each has its own of it."""
+    return jnp.ndim(traces.world.arena.size) == 0
+
+
+def _refuse_lost(trace: Trace) -> None:
+    """Raise `Refusal` if sheep are nowhere: only a law of one's own can have sent them there."""
+    last = trace.sheep[:, -1]
+    if isinstance(last, Tracer) or bool(jnp.all(jnp.isfinite(last))):
+        return
+    case = int(jnp.argmax(jnp.any(~jnp.isfinite(last), axis=(1, 2))))
+    raise Refusal(
+        f"the flock's law ({type(trace.world.flock).__name__}) gave a force that is not a finite "
+        f"number in mission {case}; does it divide by zero where two positions are the same?"
+    )
 
 
 @jax.jit
 def _measure(traces: Trace) -> dict[str, Any]:
+    if _one_world(traces):
+        count = len(traces.time)
+        world = jax.tree.map(
+            lambda leaf: jnp.broadcast_to(jnp.asarray(leaf), (count, *jnp.shape(leaf))),
+            traces.world,
+        )
+        traces = eqx.tree_at(lambda trace: trace.world, traces, world)
     return {how.__name__: jax.vmap(how)(traces) for how in (metrics.success, *MEASURES)}
 
 

@@ -54,7 +54,8 @@ def steps_ratio(trace: Trace) -> Float[Array, ""]:
     """
     arena, speed = trace.world.arena, trace.world.sheep.speed
     away = norm(trace.sheep[0] - herding.goal(arena)) - arena.goal_radius
-    return steps(trace) / jnp.maximum(jnp.max(jnp.ceil(away / (speed * arena.dt))), 1.0)
+    needed = jnp.where(jnp.asarray(speed) > 0.0, jnp.ceil(away / (speed * arena.dt)), 0.0)
+    return steps(trace) / jnp.maximum(jnp.max(needed), 1.0)
 
 
 def distance(trace: Trace) -> Float[Array, ""]:

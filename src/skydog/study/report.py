@@ -29,8 +29,9 @@ COLUMNS = (
 OURS = 5  # columns that are ours; the others are the paper's
 HOW_TO_READ = (
     "Each figure is mean ± SD over the cases, with the bootstrap 95 % interval of the mean in "
-    "brackets. Steps last until every sheep is home and gathered; steps (GCM) until the flock's "
-    "centre is home, which is what the paper counts."
+    "brackets. Steps last until the mission is accomplished, which is when every sheep is home and "
+    "gathered unless the world says otherwise; steps (GCM) until the flock's centre is home, which "
+    "is what the paper counts."
 )
 
 
@@ -82,13 +83,14 @@ def table(rows: list[Row]) -> Table:
         caption=HOW_TO_READ,
         caption_justify="left",
     )
-    for name in (*COLUMNS[:OURS], "the paper's own"):
+    beside = ["the paper's own"] if any(row.paper for row in rows) else []
+    for name in (*COLUMNS[:OURS], *beside):
         drawn.add_column(name, justify="left" if name == COLUMNS[0] else "right", no_wrap=True)
     for row in rows:
         success, steps, distance = cells(row)[OURS:]
         paper = f"{steps} steps\n{distance} m\n{success}" if row.paper else "—"
         paper += f"\n{row.verdict}" if row.verdict else ""
-        drawn.add_row(*map(Text, [*cells(row)[:OURS], paper]))
+        drawn.add_row(*map(Text, [*cells(row)[:OURS], *([paper] if beside else [])]))
     return drawn
 
 

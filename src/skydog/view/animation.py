@@ -25,7 +25,7 @@ from skydog.view.colours import ROLES, behaviour
 from skydog.view.figures import STYLE, extent, ground
 from skydog.world import herding
 from skydog.world.params import World
-from skydog.world.trace import Trace, frames, last_instant, step_numbers
+from skydog.world.trace import Trace, last_instant
 
 PIXELS = 480  # the side of a mission's picture
 INCHES = 4.8  # that side as matplotlib has it: text and lines grow with the picture
@@ -142,20 +142,24 @@ def stage(
 
 
 def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture]:
-    """The missions side by side, at each of the instants; one that ended stands."""
+    """The missions side by side, at each of the instants; one that ended stands.
+
+    Sheep that were not recorded at an instant stand where they were recorded before.
+    """
     missions = []
-    for name, whole in traces.items():
-        trace = frames(whole)
+    for name, trace in traces.items():
         seen = [np.asarray(part) for part in (trace.sheep, trace.dogs, trace.subgoal, trace.drives)]
+        recorded = np.arange(len(trace.time)) if trace.recorded is None else trace.recorded
         limits = extent(trace.world, trace.dogs, trace.subgoal)
         draw = stage(trace.world, seen[0].shape[1], seen[1].shape[1], limits=limits)
-        missions.append((draw, last_instant(trace), seen, name, step_numbers(trace)))
+        missions.append((draw, last_instant(trace), seen, name, np.asarray(recorded)))
     for instant in instants:
         panels = []
-        for draw, end, (sheep, dogs, subgoal, drives), name, steps in missions:
+        for draw, end, (sheep, dogs, subgoal, drives), name, recorded in missions:
             now = min(instant, end)
-            paths = sheep[: now + 1], dogs[: now + 1]
-            panels.append(draw(*paths, subgoal[now], drives[now], name, int(steps[now])))
+            known = int(np.searchsorted(recorded, now, "right"))
+            paths = sheep[:known], dogs[: now + 1]
+            panels.append(draw(*paths, subgoal[now], drives[now], name, now))
         yield np.concatenate(panels, axis=1)
 
 
@@ -168,7 +172,7 @@ def _check_width(traces: dict[str, Trace], film: str) -> None:
 
 
 def _longest(traces: dict[str, Trace]) -> int:
-    return max(last_instant(frames(trace)) for trace in traces.values())
+    return max(last_instant(trace) for trace in traces.values())
 
 
 def _scene(

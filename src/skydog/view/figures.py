@@ -21,7 +21,7 @@ from skydog.study import metrics
 from skydog.view.colours import ROLES
 from skydog.world import herding
 from skydog.world.params import World
-from skydog.world.trace import Trace, ending, frames
+from skydog.world.trace import Trace, how_it_ended
 
 STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -114,7 +114,7 @@ def trajectories(traces: dict[str, Trace]) -> Figure:
         panels = figure.subplots(1, len(traces), squeeze=False, sharex=True, sharey=True)[0]
         for axes, (name, trace) in zip(panels, traces.items(), strict=True):
             ground(axes, trace.world)
-            _paths(axes, frames(trace))
+            _paths(axes, trace)
             turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
             axes.set_title(f"{name}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
         ends = [extent(trace.world, trace.dogs) for trace in traces.values()]
@@ -168,7 +168,7 @@ def extent(world: World, *paths: Float[Array, "*instants 2"]) -> tuple[float, fl
 def outcome(trace: Trace) -> str:
     """What came of a mission, in a line: its steps and the metres flown."""
     steps, distance = int(metrics.steps(trace)), float(metrics.distance(trace))
-    how = ending(trace)
+    how = how_it_ended(trace)
     failed = {"accomplished": "", "out of time": "not accomplished, "}.get(how, f"{how}, ")
     return f"{failed}{steps} steps, {distance:.1f} m flown"
 
@@ -190,7 +190,8 @@ def _paths(axes: Axes, trace: Trace) -> None:
     sheep, dogs = np.asarray(trace.sheep), np.asarray(trace.dogs)
     for path in np.swapaxes(sheep, 0, 1):
         axes.plot(*path.T, color=ROLES["sheep"], linewidth=0.7, alpha=0.45)
-    axes.plot(*sheep.mean(axis=1).T, color=ROLES["sheep"], linewidth=1.8)
+    centre = sheep.mean(axis=1) if trace.centre is None else np.asarray(trace.centre)
+    axes.plot(*centre.T, color=ROLES["sheep"], linewidth=1.8)
     for path in np.swapaxes(dogs, 0, 1):
         axes.plot(*path.T, color=ROLES["dog"], linewidth=1.2)
     for role, paths, marker in (("sheep", sheep, "o"), ("dog", dogs, "D")):

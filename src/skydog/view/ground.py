@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from skydog.world import herding
@@ -10,8 +11,15 @@ from skydog.world.params import World
 
 def sensing(world: World) -> float | None:
     """How far a sheep sees a dog at most, in metres; None for a law that has no such range."""
-    known = getattr(world.flock, "sensing", None)
-    return None if known is None else float(np.max(known))
+    return greatest(world.flock, "sensing")
+
+
+def greatest(law: object, name: str) -> float | None:
+    """The parameter of a law, the greatest of the sheep's; None if it has no such number."""
+    value = getattr(law, name, None)
+    if isinstance(value, int | float | np.ndarray | jax.Array):
+        return float(np.max(value))
+    return None
 
 
 def numbers(world: World, sheep: int) -> dict[str, Any]:

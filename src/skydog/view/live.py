@@ -100,7 +100,9 @@ def opening(
     if arena is not None and arena > LONGEST_ARENA:
         raise Refusal(f"arena must be at most {LONGEST_ARENA:g} m, got {arena}; try --arena 20")
     begin = sessions.with_preset(Settings(policy=chosen, sheep=sheep), preset, worlds)
-    return replace(begin, arena=None if arena is None else float(arena), sheep=sheep, dogs=dogs)
+    begin = replace(begin, arena=None if arena is None else float(arena), sheep=sheep, dogs=dogs)
+    sessions.new(begin, worlds)
+    return begin
 
 
 @asynccontextmanager

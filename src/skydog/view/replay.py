@@ -14,7 +14,7 @@ from skydog.view.animation import gif, mp4
 from skydog.view.figures import extent
 from skydog.view.ground import rounded
 from skydog.view.page import filled
-from skydog.world.trace import Trace, ending, frames, last_instant, step_numbers
+from skydog.world.trace import Trace, frames, how_it_ended, last_instant, step_numbers
 
 
 def save(path: Path, traces: dict[str, Trace]) -> None:
@@ -62,7 +62,7 @@ def _mission(name: str, whole: Trace) -> dict[str, Any]:
         "name": name,
         **ground.numbers(trace.world, sheep.shape[1]),
         "extent": rounded(extent(trace.world, trace.dogs, trace.subgoal)),
-        "ending": ending(whole),
+        "ending": how_it_ended(whole),
         "time": rounded(trace.time[:until]),
         "step": step_numbers(trace)[:until].tolist(),
         "flown": rounded(flown[recorded][:until]),

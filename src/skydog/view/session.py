@@ -123,7 +123,7 @@ def with_preset(settings: Settings, preset: str, worlds: Worlds = PRESETS) -> Se
         preset=preset,
         arena=None,
         speed=min(SPEEDS, key=lambda speed: abs(math.log(speed / pace))),
-        noise=float(np.max(getattr(own.flock, "noise", 0.0))),
+        noise=ground.greatest(own.flock, "noise") or 0.0,
         perception=float(own.dog.perception_noise),
         actuation=float(own.dog.actuation_noise),
     )
@@ -265,8 +265,11 @@ def _world(settings: Settings, worlds: Worlds) -> World:
     noise = settings.perception, settings.actuation
     world = eqx.tree_at(lambda w: (w.dog.perception_noise, w.dog.actuation_noise), world, noise)
     # A law of one's own need not know of noise; what each sheep has its own of, stays.
-    if np.ndim(getattr(world.flock, "noise", np.zeros(1))) == 0:
+    noise = getattr(world.flock, "noise", None)
+    if any(leaf is noise and np.ndim(leaf) == 0 for leaf in jax.tree.leaves(world.flock)):
         world = eqx.tree_at(lambda w: w.flock.noise, world, settings.noise)
+    if settings.preset not in PRESETS:
+        mission.check(world, settings.sheep, settings.dogs)
     return params.traced(world)
 
 
@@ -278,6 +281,8 @@ def _own(worlds: Worlds, name: str, sheep: int) -> World:
 def _roomy(settings: Settings, worlds: Worlds) -> float:
     """The side, in metres, of the preset's own arena, or of one that leaves the flock a way."""
     own = _own(worlds, settings.preset, settings.sheep).arena
+    if settings.preset not in PRESETS:
+        return float(own.size)
     return max(float(own.size), float(math.ceil(2 * float(own.goal_radius))))
 
 

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from skydog.world.params import Arena, World
+from skydog.errors import Refusal
+from skydog.world.params import Arena, Way, World
 from skydog.world.vectors import Scalar, norm
 
 COLLECT, DRIVE = 0, 1  # the behaviours, as a trace records them
@@ -18,6 +19,17 @@ SPREAD_ANGLE = math.pi / 5
 def gcm(sheep: Float[Array, "sheep 2"]) -> Float[Array, "2"]:
     """The global centre of mass of the flock, in metres."""
     return jnp.mean(sheep, axis=0)
+
+
+def way_home(world: World, sheep: Float[Array, "sheep 2"]) -> Way:
+    """Which way is home: who strays, where to push it and where to drive (`world.home`)."""
+    way = world.home.way(world, sheep)
+    if not isinstance(way, Way):
+        raise Refusal(
+            f"the world's home, {world.home!r:.60}, gave {way!r:.60}; its method `way` returns a "
+            "skydog.world.params.Way"
+        )
+    return way
 
 
 def gathered_radius(world: World, sheep: int) -> Scalar:
@@ -45,7 +57,7 @@ def driving_points(
     """
     count = len(dogs)
     centre = gcm(sheep)
-    behind = -world.home.way(world, sheep).drive
+    behind = -way_home(world, sheep).drive_direction
     offset = world.dog.driving * jnp.sqrt(float(len(sheep)))
     if count == 1:
         return jnp.broadcast_to(centre + offset * behind, dogs.shape)
@@ -60,16 +72,16 @@ def driving_points(
 def collecting_points(
     world: World, sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]
 ) -> tuple[Float[Array, "dogs 2"], Bool[Array, " dogs"]]:
-    """P_σ2 for each dog: R_ππ behind its stray, seen from whither that is to be pushed.
+    """P_σ2 for each dog: R_ππ behind its stray, seen from where that is to be pushed to.
 
     The sheep that strays furthest goes to the dog nearest to its point, the next to the nearest
     of the others, and so on. Also tells which dogs have a stray: a sheep that strays further
     than f(N), or, for the first choice, the furthest sheep wherever it is.
     """
-    way = world.home.way(world, sheep)
-    points = sheep + world.dog.collecting * -way.push
+    way = way_home(world, sheep)
+    points = sheep + world.dog.collecting * -way.push_direction
     if len(dogs) == 1:
-        stray = jnp.argmax(way.stray)
+        stray = jnp.argmax(way.stray_distance)
         return points[stray][None], jnp.ones(1, bool)
 
     def hand_out(carry, rank):
@@ -80,7 +92,7 @@ def collecting_points(
         chosen = (jnp.arange(len(dogs)) == jnp.argmin(away)) & outside
         return (jnp.where(chosen[:, None], point, target), busy | chosen), None
 
-    strays, furthest = jax.lax.top_k(way.stray, min(len(dogs), len(sheep)))
+    strays, furthest = jax.lax.top_k(way.stray_distance, min(len(dogs), len(sheep)))
     nobody = (dogs, jnp.zeros(len(dogs), bool))
     (target, busy), _ = jax.lax.scan(hand_out, nobody, jnp.arange(len(strays)))
     return target, busy
@@ -98,7 +110,7 @@ def gate(
     """
     driving = driving_points(world, sheep, dogs)
     collecting, has_stray = collecting_points(world, sheep, dogs)
-    furthest = jnp.max(world.home.way(world, sheep).stray)
+    furthest = jnp.max(way_home(world, sheep).stray_distance)
     drives = (furthest <= gathered_radius(world, len(sheep))) | ~has_stray
     subgoal = jnp.where(drives[:, None], driving, collecting)
     return within_airspace(world, subgoal), drives

@@ -15,12 +15,12 @@ class StraightHome(eqx.Module):
     """
 
     def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
-        """Who strays, whither to push, and where to drive. Positions in metres."""
+        """Who strays, where to push it and where to drive. `sheep` are positions in metres."""
         centre = herding.gcm(sheep)
         from_goal, from_centre = centre - herding.goal(world.arena), sheep - centre
         return Way(
-            drive=-unit(from_goal),
-            distance=norm(from_goal),
-            stray=norm(from_centre),
-            push=-unit(from_centre),
+            drive_direction=-unit(from_goal),
+            distance_home=norm(from_goal),
+            stray_distance=norm(from_centre),
+            push_direction=-unit(from_centre),
         )

@@ -6,13 +6,16 @@ import sys
 import traceback
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, wraps
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from skydog.errors import Refusal
+from skydog.world.laws.terms import Weighted
 from skydog.world.params import World
 
 
@@ -20,15 +23,16 @@ def maker(reference: str) -> Callable[..., World]:
     """The function of `arena` and `sheep` that makes the world FILE.py:NAME.
 
     NAME is such a function, as the presets are, or a `World`, of which `arena` sets the side.
-    The file is run as the Python that it is: name no file that you would not run. Raises
-    `Refusal` for a file or a name that is not there, that fails, or that is no world.
+    The file is run as the Python that it is: only load files that you trust. Raises `Refusal`
+    for a file or a name that is not there, that fails, or that is no world.
     """
     file, name = _split(reference)
     module = _run(file.resolve())
     found = getattr(module, name, None)
     if isinstance(found, World):
+        count = _count(found)
 
-        def sized(arena: float | None = None, sheep: int = 3) -> World:
+        def sized(arena: float | None = None, sheep: int = count) -> World:
             size = found.arena.size if arena is None else arena
             return replace(found, arena=replace(found.arena, size=size))
 
@@ -42,22 +46,35 @@ def maker(reference: str) -> Callable[..., World]:
             if inspect.isfunction(value) and value.__module__ == module.__name__
         ]
         there = f"it has {', '.join(worlds)}" if worlds else "it has no world and no function"
-        raise Refusal(f"{file} has no world called {name!r}; {there}")
+        kind = "" if found is None else f", {name} is {found!r:.40}"
+        raise Refusal(f"{file} has no world called {name!r}{kind}; {there}")
+    try:
+        inspect.signature(found).bind(arena=1.0, sheep=1)
+    except TypeError as problem:
+        raise Refusal(
+            f"{name} in {file} is called with arena=METRES and sheep=NUMBER: {problem}"
+        ) from None
 
+    @wraps(found)
     def made(**given: Any) -> World:
         try:
             world = found(**given)
-        except TypeError as problem:
-            raise Refusal(
-                f"{name} in {file} is to be called with arena= and sheep= and return a world: "
-                f"{problem}"
-            ) from problem
+        except Refusal:
+            raise
+        except Exception as problem:
+            raise _failed(f"{name} in {file}", file, problem) from problem
         if not isinstance(world, World):
             raise Refusal(f"{name} in {file} returned {world!r:.60}, which is no skydog.World")
         return world
 
     made.__doc__ = inspect.getdoc(found) or f"{name} of {file.name}"
     return made
+
+
+def sheep_of(maker: Callable[..., World]) -> int:
+    """How many sheep a function that makes worlds has by itself; 3 if it does not say."""
+    own = inspect.signature(maker).parameters.get("sheep")
+    return own.default if own is not None and isinstance(own.default, int) else 3
 
 
 def title(reference: str) -> str:
@@ -88,22 +105,32 @@ def _split(reference: str) -> tuple[Path, str]:
 @cache
 def _run(file: Path) -> ModuleType:
     # Once a process: two runs would define two classes of each law, which jax tells apart.
-    name = f"own_{file.stem}"
+    name = f"skydog_world_{file.stem}"  # which no file beside it has
     spec = spec_from_file_location(name, file)
     assert spec is not None
     assert spec.loader is not None
     module = module_from_spec(spec)
     sys.modules[name] = module
     if str(file.parent) not in sys.path:
-        sys.path.append(str(file.parent))  # as for any script, files beside it can be imported
+        sys.path.append(str(file.parent))  # files beside it can be imported, after all libraries
     try:
         spec.loader.exec_module(module)
-    except Exception as problem:
-        lines = [
-            frame.lineno
-            for frame in traceback.extract_tb(problem.__traceback__)
-            if Path(frame.filename) == file
-        ]
-        at = f" in line {lines[-1]}" if lines else ""
-        raise Refusal(f"{file} failed{at}: {type(problem).__name__}: {problem}") from problem
+    except Refusal:
+        raise
+    except (Exception, SystemExit) as problem:
+        raise _failed(str(file), file, problem) from problem
     return module
+
+
+def _failed(what: str, file: Path, problem: BaseException) -> Refusal:
+    frames = traceback.extract_tb(problem.__traceback__)
+    lines = [frame.lineno for frame in frames if Path(frame.filename) == file.resolve()]
+    at = f" in line {lines[-1]}" if lines else ""
+    said = str(problem).strip().split("\n")[0]
+    return Refusal(f"{what} failed{at}: {type(problem).__name__}: {said:.200}")
+
+
+def _count(world: World) -> int:
+    """The sheep of a world, if any parameter has one number per sheep; else 3."""
+    flock = vars(world.flock).values() if isinstance(world.flock, Weighted) else ()
+    return next((np.size(each) for each in (world.sheep.speed, *flock) if np.ndim(each) == 1), 3)

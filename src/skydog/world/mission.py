@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skydog.world import herding
+from skydog.errors import Refusal
+from skydog.world import herding, params
 from skydog.world.params import Dog, World
 from skydog.world.state import State, start
 from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Ending, Trace
@@ -37,7 +38,8 @@ class Fly(Protocol):
     ) -> Trace:
         """One mission per start, of at most `steps` steps: a trace, cases along its first axis.
 
-        `key` draws the noise that the world asks for; None flies without any.
+        `key` draws the noise that the world asks for; None flies without any. The trace's world
+        may be the one that was given, or stacked along the first axis too.
         """
         ...
 
@@ -79,10 +81,50 @@ def limited(dog: Dog, velocity: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"
     return dog.limits.limit(jnp.where(finite, velocity, 0.0), dog.speed)
 
 
+def check(world: World, sheep: int, dogs: int = 1) -> World:
+    """The world, if its laws work for so many sheep and dogs: nothing is computed for it.
+
+    Raises `Refusal` for a law without its methods, for one that fails, and for one that returns
+    something of another shape. What ships need not be checked.
+    """
+    params.check(world)
+    state = start(jnp.zeros((sheep, 2)), jnp.zeros((dogs, 2)))
+    laws: tuple[tuple[str, Any, Callable[[World, Any], Any], tuple[int, ...]], ...] = (
+        ("flock", world.flock, lambda w, key: w.flock.force(state, key), (sheep, 2)),
+        ("flock", world.flock, lambda w, _: w.flock.force(state, None), (sheep, 2)),
+        ("home", world.home, lambda w, _: herding.gate(w, state.sheep, state.dogs)[0], (dogs, 2)),
+        ("end", world.end, lambda w, _: w.end.accomplished(w, state), ()),
+        ("spread", world.spread, lambda w, _: jnp.asarray(w.spread.radius(sheep)), ()),
+        ("dog.limits", world.dog.limits, lambda w, _: limited(w.dog, state.dogs), (dogs, 2)),
+        ("dog.limits", world.dog.limits, lambda w, _: fastest(w.dog, state.dogs), (dogs, 2)),
+        ("sheep", world.sheep, lambda w, _: step(w, state, state.dogs).sheep, (sheep, 2)),
+    )
+    for place, law, call, shape in laws:
+        name = f"the world's {place} ({type(law).__name__})"
+        try:
+            found = jax.eval_shape(call, params.traced(world), jax.random.key(0))
+        except Refusal:
+            raise
+        except Exception as problem:  # whatever a law of one's own may raise
+            kind, said = type(problem).__name__, str(problem).strip().split("\n")[0]
+            static = "Tracer" in kind or "Concretization" in kind
+            raise Refusal(
+                f"{name} failed: {kind}: {said:.160}"
+                + "; mark a field that is not computed with as equinox.field(static=True)" * static
+            ) from problem
+        if getattr(found, "shape", None) != shape:
+            raise Refusal(
+                f"{name} gave something of the shape {getattr(found, 'shape', found)!s:.60} for "
+                f"{sheep} sheep and {dogs} dogs, where the shape {shape} is needed"
+            )
+    return world
+
+
 def decide(
     world: World,
     shepherd: Shepherd,
     state: State,
+    *,
     seen: State | None = None,
     key: PRNGKeyArray | None = None,
 ) -> Decision:
@@ -93,6 +135,11 @@ def decide(
     The kinematic world moves everyone as decided (`move`); bodies with physics try to.
     """
     velocity = shepherd(world, state if seen is None else seen)
+    if jnp.shape(velocity) != state.dogs.shape:
+        raise Refusal(
+            f"the shepherd gave velocities of the shape {jnp.shape(velocity)}, not one x and y "
+            f"for each dog: {state.dogs.shape}"
+        )
     subgoal, drives = herding.gate(world, state.sheep, state.dogs)
     return Decision(
         velocity=limited(world.dog, velocity),
@@ -192,7 +239,15 @@ def rollout(
     `key` draws the noise; None is a mission without any. For a shepherd that is an `eqx.Module`,
     what was compiled is kept for the next call with the same world and shapes.
     """
-    return as_trace(world, _rollout(world, shepherd, state, index(steps), key), index(steps))
+    steps = count(steps)
+    return as_trace(world, _rollout(world, shepherd, state, steps, key), steps)
+
+
+def count(steps: int) -> int:
+    """The steps of a mission. Raises `Refusal` for fewer than none."""
+    if index(steps) < 0:
+        raise Refusal(f"a mission has 0 steps or more, got {steps}; try 1000")
+    return index(steps)
 
 
 @compiled_once
@@ -206,7 +261,11 @@ def _rollout(
 def instant(
     world: World, shepherd: Shepherd, steps: int, key: PRNGKeyArray | None
 ) -> Callable[[tuple[State, Array], Array], tuple[tuple[State, Array], Record]]:
-    """One instant of a mission, for a scan: (state, done) and its number to those after it."""
+    """One instant of a mission, for a scan: (state, done) and its number to those after it.
+
+    The randomness of instant t is `jax.random.fold_in(key, t)`, split into one key to move and
+    one to perceive; the former again into one for the sheep's law and one for the dogs' error.
+    """
 
     def fly(carry, now: Int[Array, ""]):
         state, done = carry
@@ -217,7 +276,7 @@ def instant(
             seen = perceive(world, state, perceiving)
         done = done | accomplished(world, state)
         last = done | (now >= steps)
-        decided = decide(world, shepherd, state, seen, for_sheep)
+        decided = decide(world, shepherd, state, seen=seen, key=for_sheep)
         command = jnp.where(last, 0.0, decided.velocity)
         record = Record(state.sheep, state.dogs, decided.subgoal, decided.drives, command, done)
         after = move(world, state, command, decided.force, for_dogs)

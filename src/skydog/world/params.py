@@ -48,12 +48,18 @@ class Arena(eqx.Module):
 
 
 class Way(eqx.Module):
-    """Which way is home, for a flock and for each of its sheep."""
+    """Which way is home, for a flock and for each of its sheep.
 
-    drive: Float[Array, "2"]  # unit vector: whither the flock's centre is to be driven
-    distance: Float[Array, ""]  # metres that the flock's centre has to go
-    stray: Float[Array, " sheep"]  # metres by which each sheep strays; above f(N) it is fetched
-    push: Float[Array, "sheep 2"]  # unit vectors: whither a sheep that strays is to be pushed
+    `drive_direction` is the unit vector along which the flock's centre is to be driven, and
+    `distance_home` the metres that it has to go. `stray_distance` is by how many metres each
+    sheep strays: beyond f(N) it is fetched, the furthest first. `push_direction` are the unit
+    vectors along which a sheep that strays is to be pushed.
+    """
+
+    drive_direction: Float[Array, "2"]
+    distance_home: Float[Array, ""]
+    stray_distance: Float[Array, " sheep"]
+    push_direction: Float[Array, "sheep 2"]
 
 
 @runtime_checkable
@@ -61,7 +67,7 @@ class Home(Protocol):
     """Which way is home. Any `equinox.Module` with this method is one."""
 
     def way(self, world: "World", sheep: Float[Array, "sheep 2"]) -> Way:
-        """Who strays, whither to push, and where to drive. Positions in metres."""
+        """Who strays, where to push it and where to drive. `sheep` are positions in metres."""
         ...
 
 
@@ -91,21 +97,34 @@ class World(eqx.Module):
 
 
 def check(world: World) -> World:
-    """The world, if each of its laws has its methods. Raises `Refusal`, which names what lacks."""
-    laws: dict[str, tuple[object, Any]] = {
-        "flock": (world.flock, Flock),
-        "dog.limits": (world.dog.limits, Limits),
-        "spread": (world.spread, Spread),
-        "home": (world.home, Home),
-        "end": (world.end, End),
-    }
-    for name, (law, protocol) in laws.items():
+    """The world, if each of its laws is one. Raises `Refusal`, which names what is missing."""
+    for name, law, protocol in (
+        ("flock", world.flock, Flock),
+        ("dog.limits", world.dog.limits, Limits),
+        ("spread", world.spread, Spread),
+        ("home", world.home, Home),
+        ("end", world.end, End),
+    ):
+        if isinstance(law, type):
+            called = f"{law.__name__}()"
+            raise Refusal(f"the world's {name} is the class {law.__name__}; make it {called}")
         methods = [method for method in vars(protocol) if not method.startswith("_")]
         missing = [method for method in methods if not callable(getattr(law, method, None))]
         if missing:
             raise Refusal(
                 f"the world's {name}, {law!r:.60}, has no method {missing[0]!r}; "
-                f"see skydog.world.{protocol.__module__.rpartition('.')[2]}.{protocol.__name__}"
+                f"see {protocol.__module__}.{protocol.__name__}"
+            )
+        odd = [leaf for leaf in jax.tree.leaves(law) if not eqx.is_array_like(leaf)]
+        if odd and odd[0] is not law:
+            raise Refusal(
+                f"the world's {name} ({type(law).__name__}) holds {odd[0]!r:.60}, which is no "
+                "number and no array; mark its field with equinox.field(static=True)"
+            )
+        if jax.tree_util.all_leaves([law]):
+            raise Refusal(
+                f"the world's {name} is a {type(law).__name__}, which jax does not know; "
+                "make its class an equinox.Module"
             )
     return world
 
@@ -127,7 +146,7 @@ def traced(tree: Tree) -> Tree:
     """
 
     def array(leaf: object) -> object:
-        number = isinstance(leaf, float | np.ndarray) and np.asarray(leaf).dtype.kind in "fi"
+        number = isinstance(leaf, float | np.ndarray) and np.asarray(leaf).dtype.kind == "f"
         return jnp.asarray(leaf, jnp.float32) if number else leaf
 
     return jax.tree.map(array, tree)

@@ -1,11 +1,13 @@
 """A world as plain values by dotted name, for a file that other tools read; and back again."""
 
+import math
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from skydog.errors import Refusal
@@ -21,6 +23,7 @@ from skydog.world.vectors import PerSheep
 
 LARGEST = 1e9  # of a world's parameters in a file: far from where float32 overflows
 MOST_SHEEP = 1_000_000  # numbers of a parameter that each sheep has its own of
+MOST_KEPT = 100_000  # numbers of a parameter that a file keeps
 LONGEST_NAME = 200  # characters of the name of a law of one's own
 OWN = "own: "  # how the name of a law begins that is none of ours
 
@@ -118,8 +121,19 @@ def _flatten(values: dict[str, Plain], place: str, part: Any) -> None:
             _flatten(values, name, value)
         elif value is None or isinstance(value, bool | int | float):
             values[name] = value if value is None or not isinstance(value, float) else float(value)
-        elif isinstance(value, jax.Array | np.ndarray) and value.ndim < 2:
+        elif _keeps(value):
             values[name] = _plain(value)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise Refusal(
+                f"a file holds finite numbers, {name} is {value}; give a large one instead"
+            )
+
+
+def _keeps(value: Any) -> bool:
+    """Whether a file keeps an array: numbers of one sheep or of each, no tables and no keys."""
+    if not isinstance(value, jax.Array | np.ndarray) or value.ndim > 1:
+        return False
+    return jnp.issubdtype(value.dtype, jnp.number) and value.size <= MOST_KEPT
 
 
 def _plain(value: Any) -> Plain:

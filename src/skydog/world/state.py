@@ -23,6 +23,7 @@ def start(sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]) -> State
 
     Raises `Refusal` for a position that is not finite, unless it is being traced.
     """
+    sheep, dogs = jnp.asarray(sheep), jnp.asarray(dogs)
     for who, positions in (("sheep", sheep), ("dogs", dogs)):
         if isinstance(positions, Tracer):
             continue

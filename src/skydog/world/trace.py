@@ -87,7 +87,7 @@ def frames(trace: Trace) -> Trace:
     return replace(trace, **parts, poses=poses, recorded=None, centre=None)
 
 
-def ending(trace: Trace) -> str:
+def how_it_ended(trace: Trace) -> str:
     """How one mission ended: one of `ENDINGS`."""
     if trace.ending is not None:
         return ENDINGS[int(trace.ending.how)]
@@ -226,6 +226,6 @@ def _ending(path: Path, card: dict[str, Any], instants: int) -> Ending | None:
     if "ending" not in card:
         return None
     how, steps = card["ending"], card.get("steps")
-    if how not in ENDINGS or type(steps) is not int or not 0 <= steps <= LONGEST:
+    if how not in ENDINGS or type(steps) is not int or not instants - 1 <= steps <= LONGEST:
         raise Refusal(f"{path} is no whole trace: it ended {how!r:.60} of {steps!r:.60} steps")
     return Ending(how=jnp.asarray(ENDINGS.index(how)), steps=jnp.asarray(steps))

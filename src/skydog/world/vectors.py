@@ -39,12 +39,14 @@ def column(value: PerSheep, sheep: int) -> Scalar | Num[Array, "sheep 1"]:
     One number stays as it is; one number per sheep becomes a column. Raises `Refusal` for an
     array of any other shape, which would broadcast along the wrong axis.
     """
+    if isinstance(value, list | tuple):
+        raise Refusal("a parameter of the sheep is a list; give an array, jnp.array([...])")
     shape = jnp.shape(value)
     if shape == ():
         return value  # pyright: ignore[reportReturnType]
     if shape != (sheep,):
         raise Refusal(
             f"a parameter of the sheep is one number, or one number per sheep (shape ({sheep},)); "
-            f"got an array of shape {shape}"
+            f"got an array of shape {shape}" + f"; try --sheep {shape[0]}" * (len(shape) == 1)
         )
     return jnp.asarray(value)[:, None]
