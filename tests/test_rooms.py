@@ -29,8 +29,9 @@ def imports(file):
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file} imports relatively, in line {node.lineno}"
-        if isinstance(node, ast.Constant) and re.fullmatch(r"skydog(\.\w+)+", str(node.value)):
-            yield str(node.value)  # what import_module may be given
+        named = re.fullmatch(r"skydog\.(\w+)[.\w]*", str(getattr(node, "value", "")))
+        if named and ((SOURCE / named[1]).is_dir() or (SOURCE / f"{named[1]}.py").exists()):
+            yield named[0]  # what import_module may be given
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "skydog":
             if node.module == "skydog":
                 yield from (f"skydog.{name.name}" for name in node.names)
@@ -58,11 +59,27 @@ def test_a_room_imports_only_rooms_above_it(file):
         assert room_of(module) <= room_of(own), f"{own} imports {module}, from a lower room"
 
 
-def test_an_arrow_that_runs_upwards_is_found_out(tmp_path):
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from skydog.commands import console",
+        "from skydog import commands",
+        "import skydog.commands.console as console",
+        "import_module('skydog.commands.console')",
+    ],
+)
+def test_an_arrow_that_runs_upwards_is_found_out(tmp_path, line):
     bad = tmp_path / "bad.py"
-    bad.write_text("def later():\n    from skydog.commands import console\n")
+    bad.write_text(f"def later():\n    {line}\n")
     (module,) = imports(bad)
     assert room_of(module) > room_of("skydog.world.mission")
+
+
+def test_a_relative_import_is_found_out(tmp_path):
+    bad = tmp_path / "bad.py"
+    bad.write_text("from ..commands import console\n")
+    with pytest.raises(AssertionError, match="relatively, in line 1"):
+        list(imports(bad))
 
 
 WRITTEN = [

@@ -295,3 +295,45 @@ def test_presets_are_listed_with_their_values(skydog):
     assert code == 0
     assert json.loads(out)["paper"]["flock.sensing"] == 2.0
     assert skydog("presets")[1].count("flock.") == 10
+
+
+# Sheepdogs and worlds of one's own
+
+
+OWN = """
+from dataclasses import replace
+import jax.numpy as jnp
+import skydog
+
+def nine(arena=8.0, sheep=9):
+    world = skydog.preset("paper", arena, sheep)
+    return replace(world, sheep=replace(world.sheep, speed=jnp.full(sheep, 0.5)))
+
+fixed = nine()
+"""
+
+
+@pytest.mark.parametrize("name", ["nine", "fixed"])
+def test_a_world_of_ones_own_is_flown_with_its_own_sheep(skydog, tmp_path, name):
+    (tmp_path / "own.py").write_text(OWN)
+    arguments = ["--world", f"own.py:{name}", "--starts", "random", "--cases", "2", "--json"]
+    assert skydog("test", "strombom", *arguments)[0] == 0
+    code, _, err = skydog("test", "strombom", *arguments, "--sheep", "4")
+    assert code == (2 if name == "fixed" else 0)
+    assert ("--sheep 9" in err) == (name == "fixed")
+
+
+def test_a_sheepdog_of_another_world_says_where_it_was_trained(skydog, tmp_path):
+    actor = Actor(4, 2, (6,), jax.random.key(0))
+    card = {"own_world": "hills.py:world"}
+    store.save(tmp_path / "dog" / store.FILE, Sheepdog(actor, actor, 4.0), card)
+    _, _, err = skydog("test", "dog", "--cases", "1", "--json")
+    assert "--world hills.py:world" in err
+    _, _, err = skydog("export", "dog", "--onnx")
+    assert "trained in hills.py:world" in err
+
+
+def test_the_table_of_a_world_that_is_not_the_papers_has_no_column_for_it(skydog):
+    assert "the paper's own" in skydog("test", "strombom", "--cases", "2")[1]
+    other = ["--preset", "paper-literal", "--cases", "2"]
+    assert "paper's own" not in skydog("test", "strombom", *other)[1]

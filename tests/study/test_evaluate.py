@@ -156,3 +156,13 @@ def test_a_world_without_noise_has_no_key_and_one_with_noise_the_same_for_a_seed
     assert other is not None
     assert key == again
     assert key != other
+
+
+def test_a_trace_with_the_one_world_of_all_its_missions_measures_alike():
+    flown = evaluate.fly(WORLD, Strombom(), cases(WORLD, 3), 40)
+    given = replace(flown, world=WORLD)
+    ours, theirs = evaluate.measure(flown), evaluate.measure(given)
+    for metric in ours:
+        np.testing.assert_array_equal(ours[metric], theirs[metric])
+    assert evaluate.one_case(given, 1).world == WORLD
+    assert np.array_equal(evaluate.one_case(given, 1).sheep, flown.sheep[1])

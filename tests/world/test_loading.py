@@ -9,6 +9,8 @@ from skydog.world.params import World
 FILE = '''
 from dataclasses import replace
 
+import jax.numpy as jnp
+
 import skydog
 from skydog.world.presets import paper
 
@@ -21,6 +23,17 @@ def shy(arena: float = 6.0, sheep: int = 3):
     """Sheep that see far."""
     world = skydog.preset("paper", arena, sheep)
     return replace(world, flock=replace(world.flock, sensing=beside_it.SIGHT))
+
+
+def broken(arena=4.0, sheep=3):
+    return paper(arena, "three")
+
+
+def flock_of_nine(arena=4.0, sheep=9):
+    return paper(arena, sheep)
+
+
+each = replace(fixed, sheep=replace(fixed.sheep, speed=jnp.full(7, 0.5)))
 
 
 def needy(arena, sheep, goal):
@@ -71,7 +84,7 @@ def test_a_world_is_flown_as_it_is_or_in_an_arena_of_another_side(file):
         ("wolves", "no world called 'wolves'.*fixed.*shy"),
         ("number", "no world called 'number'"),
         ("nothing", "returned 42"),
-        ("needy", "arena= and sheep=.*goal"),
+        ("needy", "arena=METRES and sheep=NUMBER.*goal"),
     ],
 )
 def test_a_name_that_is_no_world_is_refused(file, name, said):
@@ -97,6 +110,28 @@ def test_a_file_that_is_missing_or_fails_is_refused_with_the_line(tmp_path):
     broken.write_text("def (:\n")
     with pytest.raises(Refusal, match="SyntaxError"):
         loading.maker(f"{broken}:world")
+
+
+def test_what_fails_inside_a_function_is_refused_with_its_line(file):
+    with pytest.raises(Refusal, match=r"broken in .* failed in line \d+: Type"):
+        presets.make(loading.maker(f"{file}:broken"), 4.0)
+    leaves = file.with_name("leaves.py")
+    leaves.write_text("import sys\nsys.exit()\n")
+    with pytest.raises(Refusal, match="line 2: SystemExit"):
+        loading.maker(f"{leaves}:world")
+
+
+@pytest.mark.parametrize(
+    ("name", "sheep"), [("shy", 3), ("fixed", 3), ("flock_of_nine", 9), ("each", 7)]
+)
+def test_a_world_has_as_many_sheep_as_it_says(file, name, sheep):
+    assert loading.sheep_of(loading.maker(f"{file}:{name}")) == sheep
+
+
+def test_a_world_is_called_as_its_file_and_its_name(file):
+    assert loading.title(f"{file}:shy") == "flocks-shy"
+    file.write_text("world = 1\n")
+    assert loading.title(f"{file}:world") == "flocks"
 
 
 def test_a_changed_file_has_another_digest(file):

@@ -2,17 +2,24 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
+import gymnasium
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import skydog.envs  # noqa: F401
 from skydog.errors import Refusal
+from skydog.learning import ddpg, train
+from skydog.learning.lessons import Lesson
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
 from skydog.study import cases, evaluate, metrics
+from skydog.view import live
+from skydog.view import session as sessions
 from skydog.world import herding, mission, params, presets
 from skydog.world.params import Way, World
 from skydog.world.presets import preset
@@ -220,3 +227,143 @@ def test_a_world_is_noisy_if_anything_in_it_draws_random_numbers():
     assert params.noisy(each)
     assert not params.noisy(replace(WORLD, flock=replace(WORLD.flock, noise=jnp.zeros(3))))
     assert params.noisy(replace(WORLD, dog=replace(WORLD.dog, perception_noise=0.1)))
+
+
+# What a law must give
+
+
+class Flocks:
+    """Laws of the flock that go wrong, each in its own way."""
+
+    class OneForAll(eqx.Module):
+        def force(self, state, key):
+            return jnp.zeros(2)
+
+    class Fails(eqx.Module):
+        def force(self, state, key):
+            raise ValueError("no idea")
+
+    class Argues(eqx.Module):
+        def force(self, state):
+            return jnp.zeros_like(state.sheep)
+
+    class Decides(eqx.Module):
+        flag: bool = True
+
+        def force(self, state, key):
+            return jnp.zeros_like(state.sheep) if self.flag else state.sheep
+
+    class Named(eqx.Module):
+        name: str = "a flock"
+
+        def force(self, state, key):
+            return jnp.zeros_like(state.sheep)
+
+    class NoModule:
+        def force(self, state, key):
+            return jnp.zeros_like(state.sheep)
+
+
+class Everywhere(eqx.Module):
+    def accomplished(self, world, state):
+        return state.sheep[:, 0] > 0
+
+    def way(self, world, sheep):
+        return sheep
+
+    def radius(self, sheep):
+        return jnp.ones(sheep)
+
+
+@pytest.mark.parametrize(
+    ("part", "law", "said"),
+    [
+        ("flock", Flocks.OneForAll(), r"shape \(2,\).*shape \(5, 2\) is needed"),
+        ("flock", Flocks.Fails(), "ValueError: no idea"),
+        ("flock", Flocks.Argues(), "TypeError"),
+        ("flock", Flocks.Decides(), r"Tracer.*static=True"),
+        ("flock", Flocks.Named(), r"'a flock'.*static=True"),
+        ("flock", Flocks.NoModule(), "equinox.Module"),
+        ("flock", Flocks.Fails, r"the class Fails; make it Fails\(\)"),
+        ("end", Everywhere(), r"shape \(5,\).*shape \(\) is needed"),
+        ("home", Everywhere(), "returns a skydog.world.params.Way"),
+        ("spread", Everywhere(), r"shape \(5,\)"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_law_that_cannot_fly_is_refused_in_one_line(part, law, said):
+    world = preset("paper", 4.0, 5)
+    object.__setattr__(world, part, law)  # as users may: without a checker of types
+    with pytest.raises(Refusal, match=said) as refusal:
+        mission.check(world, 5)
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(Refusal, match=said):
+        gymnasium.make("skydog/Herd-v0", world=world, sheep=5)
+
+
+def test_what_ships_passes_the_check_of_laws():
+    for name in presets.PRESETS:
+        world = preset(name, 200.0, 7)
+        assert mission.check(world, 7, 2) is world
+
+
+class Lost(eqx.Module):
+    """A force that is no number, as division by zero gives."""
+
+    def force(self, state, key):
+        return unit(state.sheep - state.sheep[0]) / norm(state.sheep - state.sheep[0])[:, None]
+
+
+def test_a_flock_that_is_lost_is_refused_and_no_row_of_failures():
+    world = replace(preset("paper"), flock=Lost())
+    with pytest.raises(Refusal, match=r"law \(Lost\).*not a finite.*mission 0"):
+        evaluate.fly(world, Strombom(), cases.cases(world, 2), 20)
+    with pytest.raises(Refusal, match=r"diverged.*not a finite"):
+        train.train(Lesson(world, "drive"), ddpg.Config(batch=4), 0, 1_000)
+
+
+def test_a_shepherd_that_steers_another_number_of_dogs_is_refused():
+    with pytest.raises(Refusal, match=r"shape \(2,\).*\(2, 2\)"):
+        mission.decide(WORLD, lambda world, state: jnp.zeros(2), STATE)
+
+
+def test_an_own_world_has_its_own_arena_and_flock_in_an_environment():
+    world = preset("paper", 8.0, 9)
+    options: dict[str, Any]
+    for options in ({"arena": 6.0}, {"preset": "paper-w05"}):
+        with pytest.raises(Refusal, match="takes the place of preset and arena"):
+            gymnasium.make("skydog/Herd-v0", world=world, **options)
+    each = replace(world, sheep=replace(world.sheep, speed=jnp.full(9, 0.5)))
+    with pytest.raises(Refusal, match="--sheep 9"):
+        gymnasium.make("skydog/Herd-v0", world=each)  # which has three sheep
+    seen, _ = gymnasium.make("skydog/Herd-v0", world=each, sheep=9).reset(seed=0)
+    assert np.isfinite(seen).all()
+
+
+def test_missions_may_be_flown_with_negative_steps_by_nobody():
+    with pytest.raises(Refusal, match="-1"):
+        mission.rollout(WORLD, Strombom(), STATE, -1)
+    with pytest.raises(Refusal, match="-1"):
+        evaluate.fly(WORLD, Strombom(), cases.cases(WORLD, 1), -1)
+
+
+def test_a_sheep_that_cannot_move_needs_no_steps_by_the_bound():
+    world = replace(WORLD, sheep=replace(WORLD.sheep, speed=jnp.array([0.5, 0.0, 0.5])))
+    flown = evaluate.fly(world, Strombom(), cases.cases(WORLD, 2), 50)
+    assert (evaluate.measure(flown)["steps_ratio"] > 0.5).all()
+
+
+def test_a_live_session_refuses_a_world_that_cannot_fly_and_goes_on():
+    def odd(arena: float = 4.0, sheep: int = 3) -> World:
+        world = preset("paper", arena, sheep)
+        return replace(world, flock=Random() if sheep % 2 else Flocks.OneForAll())
+
+    worlds = {"odd": odd, **presets.PRESETS}
+    dogs = {"strombom": Strombom()}
+    begin = live.opening(dogs, "strombom", "odd", worlds=worlds)
+    session = sessions.advance(sessions.new(begin, worlds), dogs, 2)
+    with pytest.raises(Refusal, match="shape"):
+        sessions.update(session, {"sheep": 4})
+    assert int(sessions.advance(session, dogs, 3).flights[0].step) == 5
+    with pytest.raises(Refusal, match="shape"):
+        live.opening(dogs, "strombom", "odd", sheep=4, worlds=worlds)

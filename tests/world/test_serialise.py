@@ -191,3 +191,26 @@ def test_of_the_worlds_of_before_each_law_is_recognised():
     for name, value in (("flock.literal_forces", 3), ("dog.per_axis", None)):
         with pytest.raises(Refusal, match=name):
             unflatten({**old, name: value})
+
+
+class Rich(eqx.Module):
+    """A law that holds what no card holds: a random key, and a long list."""
+
+    key: jax.Array = eqx.field(default_factory=lambda: jax.random.key(0))
+    weights: jax.Array = eqx.field(default_factory=lambda: jnp.ones(200_000))
+    gain: float = 0.5
+
+    def force(self, state, key):
+        return jnp.zeros_like(state.sheep)
+
+
+def test_of_a_law_of_ones_own_a_file_keeps_numbers_of_a_sensible_size():
+    plain = flatten(replace(preset("paper"), flock=Rich()))
+    assert plain["flock.gain"] == 0.5
+    assert not {"flock.key", "flock.weights"} & set(plain)
+
+
+def test_a_parameter_that_is_not_finite_is_refused_before_a_file_holds_it():
+    world = preset("paper")
+    with pytest.raises(Refusal, match=r"flock\.sensing is inf"):
+        flatten(replace(world, flock=replace(world.flock, sensing=math.inf)))

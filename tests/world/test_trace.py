@@ -1,3 +1,4 @@
+import io
 import json
 from dataclasses import fields, replace
 from pathlib import Path
@@ -6,11 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from PIL import Image
 
 from skydog import files
 from skydog.errors import Refusal
 from skydog.shepherds.strombom import Strombom
 from skydog.study import cases, evaluate, metrics
+from skydog.view.animation import gif
 from skydog.world import mission
 from skydog.world import trace as traces
 from skydog.world.laws.literal import LiteralFlock
@@ -219,7 +222,15 @@ def test_how_a_mission_ended_comes_back(tmp_path, finished, how):
 
 @pytest.mark.parametrize(
     ("ending", "steps"),
-    [("bored", 40), (3, 40), ("UAV down", None), ("UAV down", -1), ("UAV down", 4.0), (["x"], 1)],
+    [
+        ("bored", 40),
+        (3, 40),
+        ("UAV down", None),
+        ("UAV down", -1),
+        ("UAV down", 4.0),
+        (["x"], 1),
+        ("upset", 3),
+    ],
 )
 def test_an_ending_that_is_none_is_refused(saved, ending, steps):
     message = changed(saved, lambda arrays, card: card.update(ending=ending, steps=steps))
@@ -287,6 +298,9 @@ def test_a_thinned_trace_comes_back_and_is_drawn_at_the_instants_it_has(tmp_path
     assert int(back.recorded[-1]) == len(back.time) - 1
     for metric in (metrics.success, metrics.steps, metrics.steps_gcm, metrics.distance):
         np.testing.assert_allclose(metric(back), metric(thin), rtol=1e-6)
+    # A film has the dogs of every instant; the sheep stand until they are recorded again.
+    with Image.open(io.BytesIO(gif({"thin": back}))) as film:
+        film.seek(len(back.time) // 3)  # raises where there is no such frame
     drawn = traces.frames(back)
     assert drawn.recorded is None
     assert len(drawn.time) == len(drawn.sheep) == len(drawn.dogs) == len(back.recorded)

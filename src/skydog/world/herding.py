@@ -26,8 +26,8 @@ def way_home(world: World, sheep: Float[Array, "sheep 2"]) -> Way:
     way = world.home.way(world, sheep)
     if not isinstance(way, Way):
         raise Refusal(
-            f"the world's home, {world.home!r:.60}, gave {way!r:.60}; its method `way` returns a "
-            "skydog.world.params.Way"
+            f"the world's home ({type(world.home).__name__}) gave a {type(way).__name__}; "
+            "its method `way` returns a skydog.world.params.Way"
         )
     return way
 

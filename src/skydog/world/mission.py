@@ -92,9 +92,9 @@ def check(world: World, sheep: int, dogs: int = 1) -> World:
     laws: tuple[tuple[str, Any, Callable[[World, Any], Any], tuple[int, ...]], ...] = (
         ("flock", world.flock, lambda w, key: w.flock.force(state, key), (sheep, 2)),
         ("flock", world.flock, lambda w, _: w.flock.force(state, None), (sheep, 2)),
+        ("spread", world.spread, lambda w, _: jnp.asarray(w.spread.radius(sheep)), ()),
         ("home", world.home, lambda w, _: herding.gate(w, state.sheep, state.dogs)[0], (dogs, 2)),
         ("end", world.end, lambda w, _: w.end.accomplished(w, state), ()),
-        ("spread", world.spread, lambda w, _: jnp.asarray(w.spread.radius(sheep)), ()),
         ("dog.limits", world.dog.limits, lambda w, _: limited(w.dog, state.dogs), (dogs, 2)),
         ("dog.limits", world.dog.limits, lambda w, _: fastest(w.dog, state.dogs), (dogs, 2)),
         ("sheep", world.sheep, lambda w, _: step(w, state, state.dogs).sheep, (sheep, 2)),
