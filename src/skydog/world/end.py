@@ -11,7 +11,10 @@ from skydog.world.vectors import norm
 
 
 class AllHome(eqx.Module):
-    """Every sheep is within 𝔻 of the goal, and the flock gathered within f(N) (paper, Eq. 12)."""
+    """Every sheep is within 𝔻 of the goal, and the flock gathered (paper, Eq. 12).
+
+    Gathered within f(N), by the world's `spread`, as for the gate.
+    """
 
     def accomplished(self, world: World, state: State) -> Bool[Array, ""]:
         """Whether the mission is accomplished in this state."""

@@ -33,7 +33,7 @@ def way_home(world: World, sheep: Float[Array, "sheep 2"]) -> Way:
 
 
 def gathered_radius(world: World, sheep: int) -> Scalar:
-    """f(N), in metres: the radius of the circle that a gathered flock fits in (paper, Eq. 7)."""
+    """f(N), in metres, by the world's `spread`: how wide a gathered flock is (paper, Eq. 7)."""
     return world.spread.radius(sheep)
 
 
@@ -43,7 +43,7 @@ def goal(arena: Arena) -> Float[Array, "2"]:
 
 
 def gathered(world: World, sheep: Float[Array, "sheep 2"]) -> Bool[Array, ""]:
-    """Whether every sheep is within f(N) of the flock's centre."""
+    """Whether every sheep is within f(N), by the world's `spread`, of the flock's centre."""
     return jnp.max(norm(sheep - gcm(sheep))) <= gathered_radius(world, len(sheep))
 
 
@@ -104,7 +104,7 @@ def gate(
     """The subgoal of each dog, and whether it drives (else it collects).
 
     Scattered flocks are collected and gathered ones driven (Strömbom 2014; paper, "Problem
-    Formulation"): gathered, if no sheep strays further than f(N) from the way home. A dog that
+    Formulation"): gathered, if no sheep strays further than f(N), by the world's `spread`. A dog that
     finds no stray left for it takes its place behind the flock. Subgoals stay within the
     airspace, since a point beyond it could never be reached.
     """
