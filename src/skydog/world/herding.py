@@ -104,8 +104,8 @@ def gate(
     """The subgoal of each dog, and whether it drives (else it collects).
 
     Scattered flocks are collected and gathered ones driven (Strömbom 2014; paper, "Problem
-    Formulation"): gathered, if no sheep strays further than f(N), by the world's `spread`. A dog that
-    finds no stray left for it takes its place behind the flock. Subgoals stay within the
+    Formulation"): gathered, if no sheep strays further than f(N), by the world's `spread`. A dog
+    that finds no stray left for it takes its place behind the flock. Subgoals stay within the
     airspace, since a point beyond it could never be reached.
     """
     driving = driving_points(world, sheep, dogs)
