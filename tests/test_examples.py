@@ -6,15 +6,13 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import gymnasium
-import jax
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 import skydog.envs as skydog_envs
 from skydog import cli
-from skydog.commands import training
-from skydog.learning import ddpg, train, workers
+from skydog.learning import workers
 from skydog.learning.curriculum import Curriculum
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
@@ -122,12 +120,8 @@ def test_the_command_trains_on_a_law_of_ones_own_and_flies_what_it_taught(skydog
     assert card["name"] == "H-DDPG-5x5-own_law"
     assert (card["preset"], card["own_world"]) == (None, own)
     assert card["world"]["flock.law"] == "own: skydog_world_own_law.Calm"
-    # The lessons were of these sheep: of the paper's, other skills come.
-    usual = training.fuse(Curriculum(arena=5.0, steps=2000, own_world=own), tmp_path / "own", 0)[0]
-    lesson = Curriculum(arena=5.0, steps=2000).lesson("drive")
-    papers, _ = train.train(lesson, ddpg.Config(), 1, 2000)
-    ours, theirs = (jax.tree.leaves(skill)[0] for skill in (usual.drive, papers.agent.skill))
-    assert not np.allclose(ours, theirs)
+    lesson = Curriculum(arena=5.0, steps=2000, own_world=own).lesson("drive")
+    assert type(lesson.world.flock).__name__ == "Calm"
     assert json.loads(skydog("test", "own", "--world", own, "--cases", "2", "--json"))["cases"] == 2
 
 

@@ -131,7 +131,7 @@ def test_missions_at_home_from_the_start_are_recorded_whole():
     assert np.ptp(np.asarray(flown.sheep), axis=1).max() == 0.0
 
 
-@pytest.mark.parametrize("every", [1, 7, None])
+@pytest.mark.parametrize("every", [7])
 def test_flocks_so_large_that_few_instants_fit_in_a_chunk_fly_alike(monkeypatch, every):
     starts = cases(WORLD, 3, "random", seed=5)
     usual = evaluate.fly(WORLD, Strombom(), starts, 40, every=every)

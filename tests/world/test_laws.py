@@ -98,10 +98,10 @@ from skydog.world import state
 from skydog.world.laws.strombom import StrombomFlock
 
 right = StrombomFlock(1.0, 2.0, 0.5, 1.05, 1.0, 2.0)
-for count in (3, 40, 320):
+for count in (3, 320):
     start = state.start(jnp.zeros((count, 2)), jnp.zeros((1, 2)))
     for name in vars(right):
-        for shape in (count, 1), (count + 1,), (count, count), (1, count):
+        for shape in (count, 1), (count + 1,):
             law = replace(right, **{name: np.ones(shape)})
             if name == "neighbours":
                 continue

@@ -74,7 +74,7 @@ def plain_pushes(sheep, radius):
 FEW, PAIRS = neighbours.A_FEW, neighbours.ALL_PAIRS
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     count=st.sampled_from([1, 2, FEW - 1, FEW, FEW + 1, 77, PAIRS - 1, PAIRS, PAIRS + 1, MANY]),
     seed=st.integers(0, 2**32 - 1),

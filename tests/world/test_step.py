@@ -141,15 +141,18 @@ def test_home_means_within_the_disc_and_gathered_within_f(sheep, done):
 # What is decided in an instant
 
 
+RULE = Strombom()
+move = jax.jit(mission.move)
 decide = jax.jit(mission.decide, static_argnames="shepherd")
+steer = jax.jit(lambda world, state: RULE(world, state))
 
 
 @given(scenes())
 def test_a_step_moves_everyone_as_is_decided(scene):
     world, state = scene
-    decided = decide(world, Strombom(), state)
-    moved = mission.move(world, state, decided.velocity, decided.force)
-    after = step(world, state, jax.jit(Strombom())(world, state))
+    decided = decide(world, RULE, state)
+    moved = move(world, state, decided.velocity, decided.force)
+    after = step(world, state, steer(world, state))
     for part in ("sheep", "dogs", "force"):
         np.testing.assert_allclose(getattr(moved, part), getattr(after, part), atol=1e-6)
     subgoal, drives = gate(world, state.sheep, state.dogs)

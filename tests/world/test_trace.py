@@ -290,7 +290,7 @@ def test_sheep_recorded_now_and_then_are_those_of_the_whole_mission_and_measure_
 
 @pytest.mark.parametrize("every", [3, None])
 def test_a_thinned_trace_comes_back_and_is_drawn_at_the_instants_it_has(tmp_path, every):
-    thin = evaluate.one_case(a_mission(300, every), 1)
+    thin = evaluate.one_case(a_mission(200, every), 1)
     traces.save(tmp_path / "x", thin, "rule")
     back, _ = traces.load(tmp_path / "x")
     assert len(back.time) == int(metrics.steps(thin)) + 1
