@@ -220,11 +220,7 @@ def train(
         training, ended = advance(task, config, training, key, min(CHUNK, steps - done))
         done = int(training.step)
         history = _extend(history, ended)
-        if not _finite(training.agent):
-            raise Refusal(
-                f"the training diverged: a weight is not a finite number after {done:,} steps; "
-                "does the task give a reward or an observation that is not finite?"
-            )
+        _refuse_diverged(done, np.asarray(ended.reward))
         more = callback(_progress(history, done, steps))
         if folder is not None and done % CHECKPOINT < CHUNK:
             _save(folder, training, history, card)
@@ -275,9 +271,13 @@ def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, 
     return training, History(**history)
 
 
-@jax.jit
-def _finite(agent: Any) -> Bool[Array, ""]:
-    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(agent)]))
+def _refuse_diverged(step: int, *values: np.ndarray) -> None:
+    """Raise `Refusal` if a reward or a weight is no finite number any more."""
+    if not all(np.all(np.isfinite(each)) for each in values if each.dtype.kind == "f"):
+        raise Refusal(
+            f"the training diverged: a reward or a weight is not a finite number after {step:,} "
+            "steps; does the task give a reward or an observation that is not finite?"
+        )
 
 
 def _blank(task: Task) -> Transition:
@@ -313,6 +313,7 @@ def _named(training: Training) -> dict[str, Any]:
 
 def _save(folder: Path, training: Training, history: History, card: dict[str, Any]) -> None:
     arrays = {name: np.asarray(leaf) for name, leaf in _named(training).items()}
+    _refuse_diverged(int(training.step), *arrays.values())
     arrays |= {f"history.{name}": values for name, values in asdict(history).items()}
     files.save_arrays(checkpoint_in(folder), arrays, {"kind": KIND, **card})
     files.write_text(folder / "curve.csv", history.csv())
