@@ -96,5 +96,6 @@ def compiled() -> ModuleType | None:
 def _pushes(sheep: Array, radius: Array) -> np.ndarray:
     kernel = compiled()
     assert kernel is not None
-    reach = np.array(np.broadcast_to(radius, len(sheep)), np.float32)
-    return kernel.pushes(np.asarray(sheep), reach)
+    reach = np.asarray(radius, np.float32)
+    each = np.full(len(sheep), reach) if reach.ndim == 0 else reach
+    return kernel.pushes(np.asarray(sheep), each)
