@@ -110,13 +110,11 @@ def figures(measured: dict[str, np.ndarray]) -> dict[str, Any]:
 
 def one_case(traces: Trace, case: int) -> Trace:
     """One mission out of those flown together."""
-    world = traces.world if _one_world(traces) else None
-    parts = {
-        each.name: jax.tree.map(lambda leaf: leaf[case], getattr(traces, each.name))
-        for each in fields(Trace)
-        if world is None or each.name != "world"
-    }
-    return Trace(**parts) if world is None else Trace(world=world, **parts)
+    parts = {each.name: getattr(traces, each.name) for each in fields(Trace)}
+    world = parts.pop("world")
+    if not _one_world(traces):
+        world = jax.tree.map(lambda leaf: leaf[case], world)
+    return Trace(world=world, **jax.tree.map(lambda leaf: leaf[case], parts))
 
 
 def _one_world(traces: Trace) -> bool:
