@@ -187,8 +187,10 @@ def make_task(
         )
     if world is not None and (arena is not None or preset != "paper"):
         raise Refusal("world takes the place of preset and arena; leave those out")
-    chosen = preset_world(preset, arena, sheep) if world is None else world
-    mission.check(chosen, sheep, dogs)
+    if world is None:
+        chosen = preset_world(preset, arena, sheep)
+    else:
+        chosen = mission.check(world, sheep, dogs)
     traced = params.traced(chosen)
     if what == "herd":
         cases.check(where, sheep, dogs)

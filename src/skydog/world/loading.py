@@ -115,9 +115,10 @@ def _run(file: Path) -> ModuleType:
         sys.path.append(str(file.parent))  # files beside it can be imported, after all libraries
     try:
         spec.loader.exec_module(module)
-    except Refusal:
-        raise
     except (Exception, SystemExit) as problem:
+        del sys.modules[name]
+        if isinstance(problem, Refusal):
+            raise
         raise _failed(str(file), file, problem) from problem
     return module
 
