@@ -32,7 +32,7 @@ def reproduce(
     Args:
         out: The run folder.
         seeds: Sheepdogs of each kind.
-        episodes: Of each skill's lessons; the paper has 3000.
+        episodes: Episodes of each skill's training; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
         as_json: Print the results as JSON instead of a table.
     """
