@@ -23,12 +23,16 @@ def read(path):
 def act(weights, card, skill, observation, xi=1.0):
     """The velocity as a share of the speed limit, from what `card["observes"]` names (m)."""
     x, depth = xi * np.asarray(observation, np.float32), sum(skill in n for n in weights) // 2
+    off = (x[..., :2] - x[..., 2:]) * (card.get("frame") == "folded")  # else no axis is turned
+    sign, swap = np.where(off < 0, -1, 1), np.abs(off[..., 1:]) > np.abs(off[..., :1])
+    x = x * np.concatenate([sign, sign], -1)
+    x = np.where(swap, x[..., [1, 0, 3, 2]], x).astype(np.float32)
     for layer in range(depth):
         x = x if layer == 0 else np.maximum(x, 0)
         x = x @ weights[f"{skill}.{layer}.weight"].T + weights[f"{skill}.{layer}.bias"]
-    if card["policy"] == "chooser":
-        return STEPS[np.argmax(x, axis=-1)]
-    return np.tanh(x) if xi == 1.0 else np.tanh(np.tanh(x) / xi)
+    x = STEPS[np.argmax(x, axis=-1)] if card["policy"] == "chooser" else np.tanh(x)
+    x = np.where(swap, x[..., ::-1], x) * sign
+    return x if card["policy"] == "chooser" or xi == 1.0 else np.tanh(x / xi)
 
 
 def main(path=ZOO / "h-ddpg-4x4.safetensors"):

@@ -53,6 +53,7 @@ def to_the_subgoal(lesson, episode):
 def an_episode(sheep, dog, scale=1.0):
     return Episode(
         state=start(jnp.array(sheep, jnp.float32), jnp.array([dog], jnp.float32)),
+        goal=jnp.zeros(2),
         scale=jnp.asarray(scale),
         step=jnp.asarray(0),
         arrived=jnp.asarray(False),
@@ -113,6 +114,28 @@ def test_a_flock_to_collect_starts_scattered_most_of_the_time(world):
     assert np.mean(spread > 1.3) > 0.5
 
 
+@pytest.mark.parametrize("skill", SKILLS)
+def test_a_share_of_the_lessons_has_its_goal_anywhere_and_the_others_where_the_world_has_it(skill):
+    world = preset("paper", 4.0, goal=(1.0, 3.0))
+    for share in (0.0, 0.5):
+        goals = np.asarray(starts(Lesson(world, skill, anywhere=share)).goal)
+        own = np.all(goals == [0.25, 0.75], axis=1)
+        assert abs(np.mean(~own) - share) < 0.1
+        assert np.all((goals >= 0.0) & (goals <= 1.0))
+    assert np.ptp(goals, axis=0).min() > 0.95
+
+
+def test_a_share_of_the_flocks_to_collect_starts_anywhere():
+    far = {
+        share: spread_of(np.asarray(starts(Lesson(WORLD, "collect", anywhere=share)).state.sheep))
+        for share in (0.0, 1.0)
+    }
+    drawn = 4.0 * np.random.default_rng(0).uniform(size=(STARTS, 3, 2))
+    drawn = drawn / np.asarray(starts(Lesson(WORLD, "collect")).scale)[:, None, None]
+    assert np.median(far[1.0]) == pytest.approx(np.median(spread_of(drawn)), rel=0.15)
+    assert np.median(far[0.0]) < 0.8 * np.median(far[1.0])
+
+
 # What is seen
 
 
@@ -132,16 +155,19 @@ def shown(monkeypatch):
 
 @pytest.mark.parametrize("skill", SKILLS)
 @pytest.mark.parametrize("arena", [4.0, 6.0, 20.0])
+@pytest.mark.parametrize("frame", ["folded", "paper"])
 def test_a_lesson_shows_and_flies_what_a_sheepdog_does_in_an_arena_of_its_scale(
-    skill, arena, shown
+    skill, arena, frame, shown
 ):
-    xi, world = 4.0 / arena, preset("paper", arena)
-    lesson = Lesson(WORLD, skill, scales=(xi, xi))
+    xi = 4.0 / arena
+    lesson = Lesson(WORLD, skill, scales=(xi, xi), frame=frame, anywhere=0.5)
     actor = Actor(4, 2, (3,), jax.random.key(0))
-    sheepdog = Sheepdog(actor, actor, 4.0)
+    sheepdog = Sheepdog(actor, actor, 4.0, frame)
     compared = 0
     for key in jax.random.split(jax.random.key(1), 8):
         episode = replace(lesson.start(key), scale=jnp.asarray(xi))
+        goal_x, goal_y = map(float, arena * episode.goal)
+        world = preset("paper", arena, goal=(goal_x, goal_y))
         state = episode.state
         if bool(herding.gathered(world, state.sheep)) != (skill == "drive"):
             continue

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -24,11 +25,20 @@ def an_actor(seed: int, loudness: float = 1.0) -> Actor:
     return jax.tree.map(lambda leaf: loudness * leaf, actor)
 
 
-TAUGHT_IN_FOUR = Sheepdog(an_actor(0), an_actor(1), 4.0)
+TAUGHT_IN_FOUR = Sheepdog(an_actor(0), an_actor(1), 4.0, "paper")
+FOLDED = Sheepdog(an_actor(0), an_actor(1), 4.0)
 
 
 def at(sheep, *dogs):
     return mission.start(jnp.array(sheep, jnp.float32), jnp.array(dogs, jnp.float32))
+
+
+# The symmetries of the square about the middle of an arena of 4 m: of a place, and of a velocity.
+SYMMETRIES = [
+    np.array(turn) @ np.diag(flip)
+    for turn in ([[1, 0], [0, 1]], [[0, 1], [1, 0]])
+    for flip in ([1, 1], [1, -1], [-1, 1], [-1, -1])
+]
 
 
 def by_hand(actor, world, state, drives, dog=0):
@@ -62,6 +72,31 @@ def test_the_gates_skill_is_flown_and_scaled_only_in_another_arena(world, sheep,
     assert np.abs(command - by_hand(other, world, state, drives)).max() > 1e-3
 
 
+@pytest.mark.parametrize("symmetry", SYMMETRIES, ids=range(8))
+@pytest.mark.parametrize("sheepdog", [FOLDED, *map(store.load, ("h-ddpg-4x4", "dhrl-4x4"))])
+def test_a_folded_sheepdog_flies_a_mirrored_world_as_the_mirrored_way(sheepdog, symmetry):
+    sheepdog = replace(sheepdog, frame="folded")
+    world = replace(FOUR, arena=replace(FOUR.arena, goal_x=0.5, goal_y=1.0))
+
+    def mirrored(places):
+        return (np.asarray(places) - 2.0) @ symmetry.T + 2.0
+
+    x, y = mirrored([0.5, 1.0]).tolist()
+    other = replace(FOUR, arena=replace(FOUR.arena, goal_x=x, goal_y=y))
+    for key in jax.random.split(jax.random.key(1), 20):
+        state = mission.reset(world, key)
+        turned = at(mirrored(state.sheep), *mirrored(state.dogs))
+        expected = np.asarray(sheepdog(world, state)) @ symmetry.T
+        np.testing.assert_allclose(sheepdog(other, turned), expected, atol=1e-5)
+
+
+def test_in_the_octant_of_the_fold_both_frames_are_the_same():
+    state = at([[2.6, 1.2], [3.0, 1.3], [2.8, 1.7]], DOG)  # to the right of the goal, and above
+    assert np.array_equal(FOLDED(FOUR, state), TAUGHT_IN_FOUR(FOUR, state))
+    above = at([[1.2, 2.6], [1.3, 3.0], [1.7, 2.8]], DOG)
+    assert not np.allclose(FOLDED(FOUR, above), TAUGHT_IN_FOUR(FOUR, above), atol=1e-3)
+
+
 def test_what_is_seen_are_the_vectors_to_the_dog_from_centre_and_subgoal():
     sheep = jnp.array([[1.0, 1.0], [2.0, 1.0], [3.0, 4.0]])
     seen = observe(sheep, jnp.array([[2.5, 3.0]]), jnp.array([[4.0, 1.0]]))
@@ -72,8 +107,6 @@ def test_what_is_seen_are_the_vectors_to_the_dog_from_centre_and_subgoal():
 @pytest.mark.parametrize("speed", [1.0, 0.4, 3.0])
 @pytest.mark.parametrize("limits", [PerAxis(), AnyDirection()])
 def test_a_command_uses_the_speed_limit_and_keeps_it(speed, limits):
-    from dataclasses import replace
-
     world = replace(FOUR, dog=replace(FOUR.dog, speed=speed, limits=limits))
     loud = Sheepdog(an_actor(0, 30.0), an_actor(1, 30.0), 4.0)
     fastest = 0.0

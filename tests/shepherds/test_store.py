@@ -109,6 +109,7 @@ def test_the_card_says_where_a_sheepdog_comes_from_and_what_it_sees(saved):
         "observes": list(OBSERVES),
         "commands": list(COMMANDS),
         "arena": 4.0,
+        "frame": "folded",
         "policy": "actor",
         **FROM,
     }

@@ -52,6 +52,7 @@ def scenes(draw, law: Any = PaperFlock, shapes=SHAPES, **parameters):
     on_a_sheep = tuple(float(x) for x in state.sheep[0])
     goal_x, goal_y = draw(st.just((0.0, 0.0)) | points(0.0, size) | st.just(on_a_sheep))
     world = _with(world, "arena", goal_x=goal_x, goal_y=goal_y)
+    world = _with(world, "dog", nearness=draw(st.sampled_from([0.0, 0.5, 1.0])))
     # Sight that does not grow with the flock: lattice ties at R_πβ = 2 are then exact.
     weights = {**vars(world.flock), "sensing": 2.0, **parameters}
     return replace(world, flock=law(**weights)), state

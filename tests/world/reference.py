@@ -6,7 +6,7 @@ no comparison should depend on.
 """
 
 import math
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -136,16 +136,30 @@ def bearing(world, sheep, dog):
     return math.atan2(x * to_dog[1] - y * to_dog[0], x * to_dog[0] + y * to_dog[1])
 
 
+def outside(world, sheep):
+    """The sheep outside f(N); if there are none, the furthest."""
+    centre = sheep.mean(axis=0)
+    away = [length(one - centre) for one in sheep]
+    far = [i for i in range(len(sheep)) if away[i] > gathering_distance(world, sheep)]
+    return far or [away.index(max(away))]
+
+
+def rank(world, sheep, i, dogs):
+    """How eagerly sheep i is collected, by the nearest of some dogs."""
+    strays_by = length(sheep[i] - sheep.mean(axis=0))
+    return strays_by - world.dog.nearness * min(length(dog - sheep[i]) for dog in dogs)
+
+
 def strays(world, sheep, dogs):
     """Which sheep each dog collects, or None (docstring of `collecting_points`)."""
-    centre = sheep.mean(axis=0)
-    by_distance = sorted(range(len(sheep)), key=lambda i: -length(sheep[i] - centre))
+    left = outside(world, sheep)
     chosen: dict[int, int] = {}
-    for rank, i in enumerate(by_distance[: len(dogs)]):
-        if rank == 0 or length(sheep[i] - centre) > gathering_distance(world, sheep):
-            free = [j for j in range(len(dogs)) if j not in chosen]
-            point = collecting_point(world, sheep, i)
-            chosen[min(free, key=lambda j: length(dogs[j] - point))] = i
+    while left and len(chosen) < len(dogs):
+        free = [j for j in range(len(dogs)) if j not in chosen]
+        i = max(left, key=lambda i: rank(world, sheep, i, [dogs[j] for j in free]))
+        point = collecting_point(world, sheep, i)
+        chosen[min(free, key=lambda j: length(dogs[j] - point))] = i
+        left.remove(i)
     return [chosen.get(j) for j in range(len(dogs))]
 
 
@@ -239,6 +253,11 @@ def gate_is_close_call(world, sheep, dogs):
     centre = sheep.mean(axis=0)
     distances = [length(one - centre) for one in sheep]
     if gathered_is_close_call(world, sheep) or _nearly_equal(sorted(distances)[-len(dogs) - 1 :]):
+        return True
+    # Which dogs are free decides a rank: of several dogs any subset may be.
+    free = [some for n in range(1, len(dogs) + 1) for some in combinations(dogs, n)]
+    far = outside(world, sheep)
+    if any(_nearly_equal([rank(world, sheep, i, some) for i in far]) for some in free):
         return True
     if any(abs(d - gathering_distance(world, sheep)) < CLOSE for d in distances):
         return True

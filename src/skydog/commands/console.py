@@ -33,6 +33,12 @@ def say(text: str) -> None:
     progress_console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
+def say_beyond(shepherd: str, asked: Sequence[str]) -> None:
+    """Say what a mission asks of a shepherd beyond what it was taught, if anything."""
+    if asked:
+        say(f"{shepherd} was taught {'; '.join(asked)}. It flies all the same.")
+
+
 def track(text: str, things: Iterable[Thing]) -> Iterator[Thing]:
     """Go through things, and show how many are done and how long the others will take."""
     yield from rich_track(list(things), text, console=progress_console, transient=True)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from skydog.commands.flags import MaybeArena, Preset
+from skydog.commands.flags import Goal, GoalRadius, MaybeArena, Nearness, Preset, world_of
 from skydog.errors import Refusal
 
 
@@ -15,6 +15,9 @@ def export(
     out: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE")] = None,
     preset: Preset = "paper",
     arena: MaybeArena = None,
+    goal: Goal = None,
+    goal_radius: GoalRadius = None,
+    nearness: Nearness = None,
 ) -> int:
     """Write a sheepdog as one file that flies without skydog.
 
@@ -30,17 +33,23 @@ def export(
         out: The file; if not given, the sheepdog's name, or its run folder's, and .onnx.
         preset: The world that it is to fly in; see skydog presets.
         arena: Side of the arena in metres; the one that it learnt in if not given.
+        goal: The goal's place in metres, such as 4,4; the preset's own if not given.
+        goal_radius: The goal's radius 𝔻 in metres; the preset's own if not given. It stands in
+            the file for whoever reads it: the dog's flight does not depend on it.
+        nearness: Which stray is collected: 0 is the furthest, 1 the one at hand; the preset's own
+            if not given. See skydog test --help.
     """
     if not onnx:
         raise Refusal("export needs a format; add --onnx")
     from skydog.commands import console
-    from skydog.shepherds import exporting, store
-    from skydog.world import presets
+    from skydog.shepherds import exporting, scope, store
 
     dog, card = store.read(sheepdog)
     if card.get("own_world"):
         console.say(f"{sheepdog} was trained in {card['own_world']}; the file holds {preset}.")
-    world = presets.preset(preset, float(dog.arena) if arena is None else arena)
+    size = float(dog.arena) if arena is None else arena
+    world = world_of(preset, None, size, 3, 1, goal, goal_radius, nearness)
+    console.say_beyond(sheepdog, scope.beyond(card, world, 3))
     file = store.find(Path(sheepdog))
     own = file.absolute().parent.name if file.name == store.FILE else file.stem
     out = out or Path(f"{own}.onnx")

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skydog.commands.flags import STOPPED, Arena, Json, Out
+from skydog.commands.flags import STOPPED, Arena, Goal, GoalRadius, Json, Out, goal_of
 from skydog.learning.options import Reward
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ def herd(
     seed: int = 0,
     steps: int = 150_000,
     arena: Arena = 4.0,
+    goal: Goal = None,
+    goal_radius: GoalRadius = None,
     reward: Reward = "progress",
     cases: int = 30,
     resume: bool = False,
@@ -46,6 +48,8 @@ def herd(
         seed: Random seed of the networks, the lessons' starts and the exploration noise.
         steps: Training steps for each of the two skills.
         arena: Side of the arena in metres, for the lessons and the test.
+        goal: The goal's place in metres, such as 4,4; 0,0, as in the paper, if not given.
+        goal_radius: The goal's radius 𝔻 in metres; the paper's 2 if not given.
         reward: Reward function of the lessons; `paper` is the paper's ±0.1.
         cases: Missions that each shepherd flies.
         resume: Continue an interrupted run, bit for bit.
@@ -55,7 +59,9 @@ def herd(
     from skydog.learning.curriculum import Curriculum
     from skydog.study import evaluate
 
-    curriculum = Curriculum(arena=arena, reward=reward, steps=steps)
+    curriculum = Curriculum(
+        arena=arena, goal=goal_of(goal), goal_radius=goal_radius, reward=reward, steps=steps
+    )
     command = console.command_line()
     results = run(out, curriculum, seed, cases, resume, command, evaluate.fly)
     if results is None:
@@ -85,10 +91,11 @@ def run(
     from skydog.study import evaluate, report
     from skydog.study.cases import cases
     from skydog.view import figures, replay
+    from skydog.world import presets
     from skydog.world import trace as traces
     from skydog.world.mission import MAX_STEPS
 
-    world = curriculum.world()
+    world = presets.furthest_first(curriculum.world())  # as in the paper
     starts = cases(world, count, "paper", sheep=curriculum.sheep)
     # A finished run is replaced, as by any other make; one that was interrupted is work to lose.
     if not resume and not (out / "results.json").exists():

@@ -75,7 +75,7 @@ def run(out: Path, plan: "Plan", from_zoo: bool, command: str, fly: "Fly") -> di
         trained = zoo.fuse(plan, out, fly)
     results, shown = scenarios.fly_all(trained, fly, console.track)
     if not from_zoo:
-        zoo.write(out / "zoo", plan, trained, results["rows"])
+        zoo.write(out / "zoo", plan, trained, results["rows"] | results["others"])
     write(out, results, trained, shown, command)
     console.say(f"Everything is in {out}; open {out / 'report.html'} in a browser.")
     return results

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg
 
 from skydog.commands.flags import (
+    Goal,
+    GoalRadius,
     Json,
     MaybeArena,
     MaybeOut,
     MaybeSheep,
+    Nearness,
     OwnWorld,
     Preset,
     one_world,
@@ -36,8 +39,11 @@ def test(
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,
+    goal: Goal = None,
+    goal_radius: GoalRadius = None,
     sheep: MaybeSheep = None,
     dogs: int = 1,
+    nearness: Nearness = None,
     cases: int = 30,
     starts: Starts = "paper",
     seed: int = 0,
@@ -53,7 +59,7 @@ def test(
     h-ddpg-4x4; flown in an arena other than the one it learnt in, it scales what it sees and
     does by ξ, as in the paper.
 
-    Example: skydog test runs/herd --arena 6 --cases 1000 --starts random
+    Example: skydog test runs/herd --arena 6 --goal 6,6 --cases 1000 --starts random
 
     Args:
         shepherd: A sheepdog's file, run folder or name, or the rule dog, strombom.
@@ -61,10 +67,16 @@ def test(
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
         arena: Side of the arena in metres; the world's own if not given.
+        goal: The goal's place in metres, such as 4,4; the world's own if not given.
+        goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock; as many as the world has if not given, 3 in a preset.
         dogs: Dogs, which all fly the same shepherd.
+        nearness: Which stray a dog collects: the one that strays furthest, less this share of its
+            distance to the dog. 0 is the furthest, as in the paper, and 1 the one at hand. If not
+            given, 0 for `paper` starts, else the world's own.
         cases: How many missions.
-        starts: `paper` varies where the dogs start, `random` where the sheep do too.
+        starts: `paper` varies where the dogs start, `random` where the sheep do too, opposite
+            the goal; `anywhere` has them anywhere in the arena.
         seed: Random seed of the starts and the noise.
         steps: Maximum steps per mission; one that is not over by then has failed.
         at_point: Whether strombom keeps its speed at its point, or stops there.
@@ -73,7 +85,7 @@ def test(
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
-    from skydog.shepherds import store
+    from skydog.shepherds import scope, store
     from skydog.shepherds.strombom import Strombom
     from skydog.study import cases as draws
     from skydog.study import evaluate
@@ -81,7 +93,9 @@ def test(
 
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
-    where = world_of(preset, world, arena, sheep, dogs)
+    if nearness is None and starts == "paper":
+        nearness = 0.0
+    where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness)
     if not 1 <= steps <= MOST_STEPS:
         raise Refusal(f"a mission has 1 to {MOST_STEPS:,} steps, got {steps}; try --steps 1000")
     if every < 1:
@@ -93,6 +107,7 @@ def test(
             f"{shepherd} was trained in a world of your own; here it flies in {preset}. "
             f"Add --world {card['own_world']} to fly it there."
         )
+    console.say_beyond(shepherd, scope.beyond(card, where, sheep))
     name = evaluate.scenario(steers, where)
     if world is not None:
         name += f"-{loading.title(world)}"
@@ -101,7 +116,8 @@ def test(
     # The metrics need the sheep at the start and at the end alone; a trace's file shows more.
     fly = partial(evaluate.fly, every=None if out is None else every)
     results = run(name, steers, where, drawn, steps, key, out, fly)
-    as_paper = (preset, world, starts, dogs) == ("paper", None, "paper", 1)
+    own_goal = goal is goal_radius is None
+    as_paper = own_goal and (preset, world, starts, dogs) == ("paper", None, "paper", 1)
     console.show(results, as_json, as_paper)
     return 0
 

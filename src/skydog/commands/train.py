@@ -5,17 +5,21 @@ from typing import TYPE_CHECKING, Any
 
 from skydog.commands.flags import (
     STOPPED,
+    Goal,
+    GoalRadius,
     Json,
     MaybeArena,
     MaybeSheep,
     Out,
     OwnWorld,
     Preset,
+    goal_of,
     one_world,
     own_sheep,
 )
 from skydog.errors import Refusal
 from skydog.learning.options import Learner, Reward
+from skydog.shepherds.options import Frame
 
 if TYPE_CHECKING:
     from skydog.learning.curriculum import Curriculum
@@ -32,9 +36,12 @@ def train(
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,
+    goal: Goal = None,
+    goal_radius: GoalRadius = None,
     sheep: MaybeSheep = None,
     learner: Learner = "ddpg",
     reward: Reward = "progress",
+    frame: Frame = "folded",
     resume: bool = False,
     tensorboard: bool = False,
     as_json: Json = False,
@@ -56,9 +63,14 @@ def train(
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
         arena: Side of the arena in metres; the world's own if not given.
+        goal: The goal's place in metres, such as 4,4; the world's own if not given. A sheepdog of
+            the folded frame herds to any.
+        goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock; as many as the world has if not given, 3 in a preset.
         learner: `ddpg` makes the paper's H-DDPG; `dqn` its predecessor DHRL, of four actions.
         reward: Reward function of the lessons; `paper` is the paper's ±0.1.
+        frame: `folded` by the symmetries of the square, so that what was learnt for one direction
+            serves all; `paper` for the world's own axes, and lessons with one goal.
         resume: Continue an interrupted run, bit for bit.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
         as_json: Print the results as JSON instead of a table.
@@ -69,12 +81,24 @@ def train(
 
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
-    curriculum = Curriculum(preset, arena, sheep, reward, steps, learner, own_world=world)
+    curriculum = Curriculum(
+        preset,
+        arena,
+        sheep,
+        reward,
+        steps,
+        learner,
+        own_world=world,
+        goal=goal_of(goal),
+        goal_radius=goal_radius,
+        frame=frame,
+    )
     command = console.command_line()
     results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)
     if results is None:
         return STOPPED
-    console.show(results, as_json, as_paper=(preset, world) == ("paper", None))
+    own_goal = goal is goal_radius is None
+    console.show(results, as_json, as_paper=own_goal and (preset, world) == ("paper", None))
     return 0
 
 
@@ -98,11 +122,12 @@ def run(
     from skydog.shepherds import store
     from skydog.study import evaluate, report
     from skydog.study.cases import PAPER_LAYOUT, cases
+    from skydog.world import presets
     from skydog.world.mission import MAX_STEPS
 
     if count < 1:
         raise Refusal(f"there is at least 1 sheepdog to teach, got {count}; try --seeds 8")
-    world = curriculum.world()
+    world = presets.furthest_first(curriculum.world())  # its test is the paper's
     seeds = range(seed, seed + count)
     folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
     if not resume:

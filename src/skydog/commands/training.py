@@ -17,6 +17,7 @@ from skydog.learning.curriculum import Curriculum
 from skydog.learning.options import Skill
 from skydog.learning.train import History, checkpoint_in, init, load
 from skydog.learning.workers import Job
+from skydog.shepherds import scope
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world.limits import PerAxis
 from skydog.world.serialise import flatten
@@ -50,9 +51,8 @@ def fuse(curriculum: Curriculum, folder: Path, seed: int) -> tuple[Sheepdog, dic
         blank = init(curriculum.lesson(job.skill), curriculum.config(), jax.random.key(0))
         training, histories[job.skill] = load(job.folder, blank, job.card)
         skills[job.skill] = training.agent.skill
-    return Sheepdog(
-        skills["collect"], skills["drive"], float(curriculum.world().arena.size)
-    ), histories
+    size = float(curriculum.world().arena.size)
+    return Sheepdog(skills["collect"], skills["drive"], size, curriculum.frame), histories
 
 
 def card(
@@ -72,6 +72,9 @@ def card(
         "seed": seed,
         "steps_a_skill": curriculum.steps,
         "one_scale": curriculum.one_scale,
+        "taught_for": scope.scope(
+            world, curriculum.scales, curriculum.frame == "folded", curriculum.sheep
+        ),
         "command": command,
         "config": asdict(curriculum.config()),
         "world": flatten(world),

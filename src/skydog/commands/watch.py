@@ -4,7 +4,17 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from skydog.commands.flags import MaybeArena, MaybeSheep, OwnWorld, Preset, one_world, own_sheep
+from skydog.commands.flags import (
+    Goal,
+    GoalRadius,
+    MaybeArena,
+    MaybeSheep,
+    OwnWorld,
+    Preset,
+    goal_of,
+    one_world,
+    own_sheep,
+)
 
 
 def watch(
@@ -12,6 +22,8 @@ def watch(
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,
+    goal: Goal = None,
+    goal_radius: GoalRadius = None,
     sheep: MaybeSheep = None,
     dogs: int = 1,
     host: str = "127.0.0.1",
@@ -31,6 +43,8 @@ def watch(
         world: Your own world to begin with: the name of a world, or of a function of arena and
             sheep, in a Python file, which is run. See docs/own.md.
         arena: Side of the arena in metres; as wide as the flock needs if not given.
+        goal: The goal's place in metres, such as 4,4; the world's own if not given.
+        goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock, 1 to 200; as many as the world has if not given.
         dogs: Dogs, 1 to 8.
         host: The address to listen at; any but 127.0.0.1 can be reached from other computers.
@@ -54,6 +68,19 @@ def watch(
         preset = f"{preset} (yours)" if preset in worlds else preset
         worlds = {preset: loading.maker(world), **worlds}
     sheep = own_sheep(world, sheep)
-    policies = live.policies(shepherd)
-    live.serve(policies, shepherd, preset, arena, sheep, dogs, host, port, ready, worlds)
+    live.serve(
+        live.policies(shepherd),
+        shepherd,
+        preset,
+        arena,
+        sheep,
+        dogs,
+        host,
+        port,
+        ready,
+        worlds,
+        goal_of(goal),
+        goal_radius,
+        live.cards(shepherd),
+    )
     return 0

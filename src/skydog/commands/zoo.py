@@ -1,8 +1,9 @@
 """The sheepdogs of the study: what is trained, which seed flies, and which ship as the zoo."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -13,20 +14,25 @@ from skydog.learning.lessons import HORIZON
 from skydog.learning.train import Curve
 from skydog.learning.workers import Job
 from skydog.shepherds import store
+from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import evaluate, transfer
 from skydog.study.cases import cases
-from skydog.study.options import Starts
-from skydog.study.scenarios import SIZES, Results, Trained, shown_skills
+from skydog.study.options import Results, Starts
+from skydog.study.scenarios import PAPER_FRAME, SIZES, Trained, row_of, shown_skills
 from skydog.world.mission import MAX_STEPS, Fly
-from skydog.world.presets import preset
+from skydog.world.presets import furthest_first, preset
 
 # The kinds of which several seeds are trained, and the arenas where one of them is chosen.
 CHOSEN_IN = {
-    "H-DDPG-4x4": transfer.ARENAS,
-    "H-DDPG-6x6": (6.0,),
-    "DHRL-4x4": (4.0, 6.0),
-    "DHRL-6x6": (6.0,),
+    name + suffix: arenas
+    for suffix in ("", PAPER_FRAME)
+    for name, arenas in (
+        ("H-DDPG-4x4", transfer.ARENAS),
+        ("H-DDPG-6x6", (6.0,)),
+        ("DHRL-4x4", (4.0, 6.0)),
+        ("DHRL-6x6", (6.0,)),
+    )
 }
 CHOSEN_BY = 200  # cases of either sort
 CHOSEN_SEED = 2  # the study's own have 0 and 1
@@ -46,16 +52,21 @@ class Plan:
         return Curriculum(arena=arena, steps=steps, **options)
 
     def curricula(self) -> list[Curriculum]:
-        """What sheepdogs of several seeds are taught: the shipped kinds, and the paper's lessons.
+        """What sheepdogs of several seeds are taught.
+
+        The shipped kinds, in both frames; one with lessons at one scale; and the paper's lessons.
 
         The episodes of the paper's reward may last 1000 steps; they end with the others' steps.
         """
-        kinds = [self.curriculum(size, learner=how) for size in SIZES for how in ("ddpg", "dqn")]
-        papers = [
-            self.curriculum(size, reward="paper", one_scale=True, episodes=self.episodes)
+        kinds = [
+            self.curriculum(size, learner=how, frame=frame)
+            for frame in get_args(Frame)
             for size in SIZES
+            for how in ("ddpg", "dqn")
         ]
-        return [*kinds, self.curriculum(4.0, one_scale=True), *papers]
+        narrow = partial(self.curriculum, one_scale=True, frame="paper")
+        papers = [narrow(size, reward="paper", episodes=self.episodes) for size in SIZES]
+        return [*kinds, narrow(4.0), *papers]
 
     def jobs(self, out: Path) -> list[Job]:
         """Every training of the study; of the natives of other arenas, one seed."""
@@ -100,7 +111,7 @@ def best(dogs: list[Sheepdog], arenas: tuple[float, ...], fly: Fly) -> int:
         )
 
     sorts: tuple[Starts, ...] = ("paper", "random")
-    worlds = [preset("paper", arena) for arena in arenas]
+    worlds = [furthest_first(preset("paper", arena)) for arena in arenas]
     places = [
         (world, cases(world, CHOSEN_BY, sort, CHOSEN_SEED)) for world in worlds for sort in sorts
     ]
@@ -123,7 +134,7 @@ def write(folder: Path, plan: Plan, trained: Trained, rows: Results) -> None:
     for kind in plan.curricula():
         if kind.dog in trained.chosen:
             seed = trained.chosen[kind.dog]
-            card = training.card(kind, seed, made, {kind.dog: rows[kind.dog]["ours"]})
+            card = training.card(kind, seed, made, {kind.dog: rows[row_of(kind.dog)]["ours"]})
             path = folder / f"{kind.dog.lower()}.safetensors"
             store.save(path, trained.dogs[kind.dog][seed], card)
     shown = {

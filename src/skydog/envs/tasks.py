@@ -113,7 +113,7 @@ class HerdTask(eqx.Module):
 
 
 class LessonTask(eqx.Module):
-    """A lesson as our own learners train on it: `skydog.learning.lessons.Lesson`."""
+    """A lesson, in the axes of the world: `skydog.learning.lessons.Lesson`."""
 
     lesson: Lesson
     dogs: int = eqx.field(static=True, default=1)
@@ -150,7 +150,13 @@ class LessonTask(eqx.Module):
         """World, state, subgoal, whether it drives, and whether it has arrived."""
         drives = jnp.full(1, self.lesson.skill == "drive")
         subgoal = self.lesson.subgoal(episode)
-        return self.lesson.world_at(episode.scale), episode.state, subgoal, drives, episode.arrived
+        return (
+            self.lesson.world_at(episode.scale, episode.goal),
+            episode.state,
+            subgoal,
+            drives,
+            episode.arrived,
+        )
 
 
 class EnvState(eqx.Module):
@@ -250,7 +256,8 @@ def observe(task: Task, env: EnvState, how: ObservationKind) -> Float[Array, "do
         seen = sheepdog.observe(state.sheep, state.dogs, subgoal)
     else:
         count = len(state.dogs)
-        goal = jnp.broadcast_to(herding.goal(task.world.arena), (count, 1, 2))
+        world = task.scene(env.episode)[0]
+        goal = jnp.broadcast_to(herding.goal(world.arena), (count, 1, 2))
         sheep = jnp.broadcast_to(state.sheep, (count, *state.sheep.shape))
         after = jnp.arange(count)[:, None] + jnp.arange(1, count)
         others = state.dogs[after % count]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from skydog.errors import Refusal
 from skydog.learning.options import Learner, Reward, Skill
+from skydog.shepherds.options import Frame
 
 if TYPE_CHECKING:  # a worker pins itself to its core before jax is imported
     from skydog.learning.lessons import Lesson
@@ -26,6 +27,11 @@ class Curriculum:
     episodes: int | None = None  # end a lesson too, if they are over before its steps
     one_scale: bool = False  # lessons at the arena's own scale alone, as the paper has them
     own_world: str | None = None  # FILE.py:NAME, a world of your own in place of the preset's
+    goal: tuple[float, float] | None = None  # metres; None is the world's own
+    goal_radius: float | None = None
+    # In the paper's frame the lessons are the paper's too: with the world's own goal, and the
+    # furthest stray to collect.
+    frame: Frame = "folded"
 
     def world(self) -> "World":
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
@@ -41,8 +47,17 @@ class Curriculum:
             self.reward,
             self.sheep,
             stretches=self.learner == "ddpg",
-            scales=(1.0, 1.0) if self.one_scale else lessons.SCALES,
+            scales=self.scales,
+            frame=self.frame,
+            anywhere=lessons.ANYWHERE if self.frame == "folded" else 0.0,
         )
+
+    @property
+    def scales(self) -> tuple[float, float]:
+        """The least and the greatest scale ξ of an episode."""
+        from skydog.learning import lessons
+
+        return (1.0, 1.0) if self.one_scale else lessons.SCALES
 
     def config(self) -> Any:
         """The learner's numbers: all as its file has them."""
@@ -56,6 +71,7 @@ class Curriculum:
         kind = {"ddpg": "H-DDPG", "dqn": "DHRL"}[self.learner]
         size = float(self.world().arena.size)
         odd = "-paper-reward" * (self.reward == "paper") + "-one-scale" * self.one_scale
+        odd += "-paper-frame" * (self.frame == "paper")
         own = "" if self.own_world is None else f"-{loading.title(self.own_world)}"
         return f"{kind}-{size:g}x{size:g}{odd}{own}"
 
@@ -63,16 +79,19 @@ class Curriculum:
         """What must be the same for a training to be continued."""
         from skydog.world import loading
 
-        own = self.own_world
+        own, arena = self.own_world, self.world().arena
         return {
             "preset": self.preset if own is None else None,
             "own_world": None if own is None else loading.title(own),
             "SHA-256 of the world's file": None if own is None else loading.digest(own),
-            "arena": float(self.world().arena.size),
+            "arena": float(arena.size),
+            "goal": [float(arena.goal_x), float(arena.goal_y)],
+            "goal_radius": float(arena.goal_radius),
             "sheep": self.sheep,
             "reward": self.reward,
             "learner": self.learner,
             "one_scale": self.one_scale,
+            "frame": self.frame,
         }
 
 
@@ -84,7 +103,10 @@ def _world(curriculum: Curriculum) -> "World":
         raise Refusal(
             f"a skill is trained for at least 1 step, got {curriculum.steps}; try --steps 150000"
         )
-    if curriculum.own_world is not None:
-        made = presets.make(loading.maker(curriculum.own_world), curriculum.arena, curriculum.sheep)
-        return mission.check(made, curriculum.sheep)
-    return presets.preset(curriculum.preset, curriculum.arena, curriculum.sheep)
+    own, goal = curriculum.own_world, (curriculum.goal, curriculum.goal_radius)
+    if own is not None:
+        made = presets.make(loading.maker(own), curriculum.arena, curriculum.sheep, *goal)
+        made = mission.check(made, curriculum.sheep)
+    else:
+        made = presets.preset(curriculum.preset, curriculum.arena, curriculum.sheep, *goal)
+    return presets.furthest_first(made) if curriculum.frame == "paper" else made

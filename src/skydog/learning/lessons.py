@@ -12,7 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.learning.options import Reward, Skill
+from skydog.shepherds import frame as frames
 from skydog.shepherds import sheepdog
+from skydog.shepherds.options import Frame
 from skydog.world import herding, mission
 from skydog.world.params import World
 from skydog.world.state import State, start
@@ -33,6 +35,9 @@ SCALES = (0.1, 1.4)
 # many sides of the arena. Ours.
 NEAREST_STRAY = 1.2
 FURTHEST_STRAY = 1.0
+# So large a share of the episodes is drawn anywhere: goals in the arena and, to collect, sheep.
+# Missions meet such, strays in corners and subgoals beyond the airspace among them.
+ANYWHERE = 0.5
 # The dog starts within so many metres of the flock, on each axis, in arenas of any size: about
 # as far as it flies in an episode.
 REACH = 4.8
@@ -53,6 +58,7 @@ class Episode(eqx.Module):
     """One attempt at a lesson."""
 
     state: State
+    goal: Float[Array, "2"]  # in sides of the arena
     scale: Float[Array, ""]  # ξ: the lesson's arena, as a share of the episode's
     step: Int[Array, ""]
     arrived: Bool[Array, ""]  # whether the dog has been where the reward takes it
@@ -75,6 +81,7 @@ class Lesson(eqx.Module):
     point a little nearer than the subgoal, and by the flock, and goes on after arrival. Each
     episode draws its own scale ξ (see `SCALES`). The subgoal is the
     mission's own: kept within the airspace, behind whichever sheep is the stray at the time.
+    What is seen and flown is in the axes of `frame`.
     """
 
     world: World
@@ -84,6 +91,9 @@ class Lesson(eqx.Module):
     # Whether 1/ξ stretches what the dog commands; a step of fixed length it cannot (DHRL).
     stretches: bool = eqx.field(static=True, default=True)
     scales: tuple[float, float] = eqx.field(static=True, default=SCALES)
+    frame: Frame = eqx.field(static=True, default="paper")
+    # The share of the episodes whose goal, and whose sheep to collect, are drawn anywhere.
+    anywhere: float = eqx.field(static=True, default=0.0)
 
     observation: ClassVar[int] = len(sheepdog.OBSERVES)
     action: ClassVar[int] = len(sheepdog.COMMANDS)
@@ -95,10 +105,12 @@ class Lesson(eqx.Module):
         `NEAREST_STRAY` to `FURTHEST_STRAY` from the middle of the others, or less where the wall
         is nearer.
         """
-        for_centre, for_angle, for_radius, for_stray, for_dog, for_scale = jax.random.split(key, 6)
+        keys = jax.random.split(key, 9)
+        for_centre, for_angle, for_radius, for_stray, for_dog, for_scale, *for_anywhere = keys
         small, large = map(math.log, self.scales)
         scale = jnp.exp(jax.random.uniform(for_scale, minval=small, maxval=large))
-        world = self.world_at(scale)
+        goal = self._goal(for_anywhere[0])
+        world = self.world_at(scale, goal)
         size = world.arena.size
         radius = herding.gathered_radius(self.world, self.sheep)
         centre = size * jax.random.uniform(for_centre, (2,), minval=0.15, maxval=0.9)
@@ -110,9 +122,14 @@ class Lesson(eqx.Module):
         angle = jax.random.uniform(for_angle, (self.sheep,), maxval=2 * jnp.pi)
         around = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
         sheep = jnp.clip(centre + radius * share[:, None] * around, 0.0, size)
+        if self.skill == "collect" and self.anywhere:
+            anywhere = jax.random.uniform(for_anywhere[1]) < self.anywhere
+            drawn = size * jax.random.uniform(for_anywhere[2], (self.sheep, 2))
+            sheep = jnp.where(anywhere, drawn, sheep)
         dog = herding.gcm(sheep) + jax.random.uniform(for_dog, (1, 2), minval=-REACH, maxval=REACH)
         return Episode(
             state=start(sheep, herding.within_airspace(world, dog)),
+            goal=goal,
             scale=scale,
             step=jnp.asarray(0),
             arrived=jnp.asarray(False),
@@ -120,16 +137,17 @@ class Lesson(eqx.Module):
 
     def observe(self, episode: Episode) -> Float[Array, "4"]:
         """What the dog sees, as a sheepdog does: `sheepdog.OBSERVES`, in metres times ξ."""
-        state = episode.state
-        seen = sheepdog.observe(state.sheep, state.dogs, self.subgoal(episode))[0]
-        return episode.scale * seen
+        seen = episode.scale * self._observed(episode)
+        return frames.fold(seen)[0] if self.frame == "folded" else seen
 
     def step(self, episode: Episode, action: Float[Array, "2"]) -> tuple[Episode, Outcome]:
         """Fly one step; `action` is the velocity in shares of the speed limit, before 1/ξ."""
-        before, world = episode.state, self.world_at(episode.scale)
+        before, world = episode.state, self.world_at(episode.scale, episode.goal)
+        if self.frame == "folded":
+            action = frames.unfold(action, frames.fold(self._observed(episode))[1])
         flown = sheepdog.stretched(action, episode.scale) if self.stretches else action
         after = mission.step(world, before, world.dog.speed * flown[None])
-        moved = Episode(after, episode.scale, episode.step + 1, episode.arrived)
+        moved = Episode(after, episode.goal, episode.scale, episode.step + 1, episode.arrived)
 
         aim = 1.0 if self.reward == "paper" else NEARER
         was = norm(before.dogs - self.subgoal(episode, aim))[0]
@@ -160,7 +178,7 @@ class Lesson(eqx.Module):
         state = episode.state
         world = eqx.tree_at(
             lambda w: (w.dog.driving, w.dog.collecting),
-            self.world_at(episode.scale),
+            self.world_at(episode.scale, episode.goal),
             replace_fn=lambda offset: offset * aim,
         )
         if self.skill == "drive":
@@ -169,6 +187,25 @@ class Lesson(eqx.Module):
             point, _ = herding.collecting_points(world, state.sheep, state.dogs)
         return herding.within_airspace(world, point)
 
-    def world_at(self, scale: Float[Array, ""]) -> World:
-        """The world of an episode at a scale: its arena is 1/ξ times as long."""
-        return eqx.tree_at(lambda w: w.arena.size, self.world, self.world.arena.size / scale)
+    def world_at(self, scale: Float[Array, ""], goal: Float[Array, "2"]) -> World:
+        """The world of an episode at a scale: its arena is 1/ξ times as long.
+
+        `goal` is in sides of the arena.
+        """
+        size = self.world.arena.size / scale
+        return eqx.tree_at(
+            lambda w: (w.arena.size, w.arena.goal_x, w.arena.goal_y),
+            self.world,
+            (size, size * goal[0], size * goal[1]),
+        )
+
+    def _goal(self, key: PRNGKeyArray) -> Float[Array, "2"]:
+        """The goal of an episode, in sides of the arena: the world's own, or anywhere."""
+        own = herding.goal(self.world.arena) / self.world.arena.size
+        whether, x, y = jax.random.uniform(key, (3,))
+        return jnp.where(whether < self.anywhere, jnp.stack([x, y]), own)
+
+    def _observed(self, episode: Episode) -> Float[Array, "4"]:
+        """What the dog sees in metres, in the world's axes."""
+        state = episode.state
+        return sheepdog.observe(state.sheep, state.dogs, self.subgoal(episode))[0]

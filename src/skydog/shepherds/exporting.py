@@ -10,6 +10,7 @@ import numpy as np
 from skydog import __version__, files
 from skydog.errors import Refusal
 from skydog.shepherds.networks import Actor, GreedyQ
+from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 from skydog.world.home import StraightHome
 from skydog.world.limits import AnyDirection, PerAxis
@@ -51,7 +52,15 @@ sheepdog (float[cases, sheep, 2] sheep, float[cases, 2] dog)
     # herding.collecting_points: R behind the stray, seen from the centre.
     beside = Mul (collecting, outward)
     points = Add (sheep, beside)
-    stray = ArgMax <axis = 1, keepdims = 1> (strays)
+    dog_in_row = Unsqueeze (dog, flockmates)
+    from_dog = Sub (sheep, dog_in_row)
+    apart, away_from_dog = skydog.polar (from_dog)
+    gap = Squeeze (apart, coordinates)
+    less = Mul (nearness, gap)
+    at_hand = Sub (strays, less)
+    outside = Greater (strays, radius)
+    rank = Where (outside, at_hand, lowest)
+    stray = ArgMax <axis = 1, keepdims = 1> (rank)
     collecting_point = GatherND <batch_dims = 1> (points, stray)
 
     # herding.gate and sheepdog.observe, through ξ.
@@ -62,9 +71,15 @@ sheepdog (float[cases, sheep, 2] sheep, float[cases, 2] dog)
     both = Concat <axis = 1> (from_centre, from_subgoal)
     seen = Mul (xi, both)
 
+    # frame.fold.
+    FOLD
+
     # networks.Actor or networks.GreedyQ, twice.
     SKILLS
-    action = Where (behaviour, driven, collected)
+    taken = Where (behaviour, driven, collected)
+
+    # frame.unfold.
+    UNFOLD
 
     # sheepdog.stretched and mission.limited.
     STRETCHED
@@ -94,7 +109,40 @@ polar (v) => (length, direction)
     divisor = Where (still, one, length)
     direction = Div (v, divisor)
 }
+<domain: "skydog", opset_import: ["": 18]>
+swapped (v, swap) => (w)
+{
+    # x and y of a vector change places, or not.
+    last = Constant <value_ints = [1, 0]> ()
+    other = Gather <axis = 1> (v, last)
+    w = Where (swap, other, v)
+}
 """
+
+# The lines of `frame.fold` and `frame.unfold`, in either frame.
+FRAMES: dict[Frame, tuple[str, str]] = {
+    "folded": (
+        """
+    seen_centre, seen_subgoal = Split <axis = 1, num_outputs = 2> (seen)
+    off = Sub (seen_centre, seen_subgoal)
+    negative = Less (off, nothing)
+    sign = Where (negative, minus, plus)
+    size = Abs (off)
+    along, across = Split <axis = 1, num_outputs = 2> (size)
+    swap = Greater (across, along)
+    signed_centre = Mul (seen_centre, sign)
+    signed_subgoal = Mul (seen_subgoal, sign)
+    folded_centre = skydog.swapped (signed_centre, swap)
+    folded_subgoal = skydog.swapped (signed_subgoal, swap)
+    eyes = Concat <axis = 1> (folded_centre, folded_subgoal)
+""",
+        """
+    unswapped = skydog.swapped (taken, swap)
+    action = Mul (unswapped, sign)
+""",
+    ),
+    "paper": ("eyes = Identity (seen)", "action = Identity (taken)"),
+}
 
 # The lines of each law that a graph can hold.
 SPREADS = {
@@ -144,6 +192,8 @@ def model(sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> "ModelProto
         for line in _skill(skill, getattr(sheepdog, skill), action, constants)
     ]
     graph = GRAPH.replace("SKILLS", "\n    ".join(skills))
+    fold, unfold = FRAMES[sheepdog.frame]
+    graph = graph.replace("UNFOLD", unfold).replace("FOLD", fold)
     graph = graph.replace("STRETCHED", _stretched(sheepdog.drive.stretches and xi != 1.0))
     laws: tuple[tuple[str, object, dict[Any, str]], ...] = (
         ("SPREAD", world.spread, SPREADS),
@@ -192,6 +242,10 @@ def _constants(world: World, xi: float) -> dict[str, np.ndarray]:
         "two_thirds": [2 / 3],
         "driving": [dog.driving],
         "collecting": [dog.collecting],
+        "nearness": [dog.nearness],
+        "lowest": [-np.inf],
+        "minus": [-1.0],
+        "plus": [1.0],
         "least": -dog.airspace,
         "greatest": arena.size + dog.airspace,
         "xi": [xi],
@@ -207,8 +261,8 @@ def _constants(world: World, xi: float) -> dict[str, np.ndarray]:
 def _skill(
     name: str, skill: Actor | GreedyQ, action: str, constants: dict[str, np.ndarray]
 ) -> list[str]:
-    """The lines of a skill, from `seen` to `action`; its weights are added to the constants."""
-    lines, x = [], "seen"
+    """The lines of a skill, from `eyes` to `action`; its weights are added to the constants."""
+    lines, x = [], "eyes"
     for depth, linear in enumerate(skill.layers.linears):
         weight, bias, y = f"{name}_{depth}_weight", f"{name}_{depth}_bias", f"{name}_{depth}"
         constants[weight], constants[bias] = np.asarray(linear.weight), np.asarray(linear.bias)

@@ -4,7 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from skydog.shepherds import frame as frames
 from skydog.shepherds.networks import Actor, GreedyQ
+from skydog.shepherds.options import Frame
 from skydog.world import herding
 from skydog.world.mission import limited
 from skydog.world.params import World
@@ -48,16 +50,21 @@ class Sheepdog(eqx.Module):
     collect: Actor | GreedyQ
     drive: Actor | GreedyQ
     arena: Scalar  # metres: the side of the arena that the skills were learnt in
+    frame: Frame = eqx.field(static=True, default="folded")  # see `skydog.shepherds.frame`
 
     def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
         """Velocities of the dogs, in m/s."""
         subgoal, drives = herding.gate(world, state.sheep, state.dogs)
         xi = self.arena / world.arena.size  # the diagonals' ratio, since arenas are square
         seen = xi * observe(state.sheep, state.dogs, subgoal)
-        action = jnp.where(drives[:, None], self.drive(seen), self.collect(seen))
-        if self.drive.stretches:
-            action = stretched(action, xi)
         # A dog whose eyes fail hovers. An `Actor` carries what is no number through to its limits;
         # of such values a `GreedyQ` would pick the first.
-        action = jnp.where(jnp.all(jnp.isfinite(seen), axis=-1, keepdims=True), action, jnp.nan)
+        sees = jnp.all(jnp.isfinite(seen), axis=-1, keepdims=True)
+        seen, symmetry = frames.fold(seen) if self.frame == "folded" else (seen, None)
+        action = jnp.where(drives[:, None], self.drive(seen), self.collect(seen))
+        if symmetry is not None:
+            action = frames.unfold(action, symmetry)
+        if self.drive.stretches:
+            action = stretched(action, xi)
+        action = jnp.where(sees, action, jnp.nan)
         return limited(world.dog, world.dog.speed * action)

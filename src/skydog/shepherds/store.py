@@ -1,7 +1,7 @@
 """A trained sheepdog as a file: weights in safetensors, and a card that says what they are."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import equinox as eqx
 import jax
@@ -12,6 +12,7 @@ from jaxtyping import Array
 from skydog import files
 from skydog.errors import Refusal
 from skydog.shepherds.networks import Actor, GreedyQ
+from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 
 KIND = "sheepdog"
@@ -26,13 +27,14 @@ def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
     """Write a sheepdog and its card, and the card once more as Markdown for people.
 
     `card` tells where it comes from: preset, lesson, seed, versions, measured results. What
-    the sheepdog observes and commands, and its arena, are added here.
+    the sheepdog observes and commands, its arena and its frame are added here.
     """
     card = {
         "kind": KIND,
         "observes": list(OBSERVES),
         "commands": list(COMMANDS),
         "arena": float(sheepdog.arena),
+        "frame": sheepdog.frame,
         "policy": next(name for name, kind in POLICIES.items() if isinstance(sheepdog.drive, kind)),
         **files.plain(card),
     }
@@ -79,8 +81,15 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
             f"{path} has skills of the kind {card.get('policy')!r}, this version of skydog knows "
             f"{', '.join(POLICIES)}; train it again"
         )
+    # Before there was a choice, all saw the world in the paper's frame.
+    frame: Any = card.get("frame", "paper")
+    if frame not in get_args(Frame):
+        raise Refusal(
+            f"{path} sees in the frame {frame!r:.60}, this version of skydog knows "
+            f"{', '.join(get_args(Frame))}; train it again"
+        )
     collect, drive = (_skill(path, skill, arrays, policy) for skill in ("collect", "drive"))
-    return Sheepdog(collect, drive, float(arena)), card
+    return Sheepdog(collect, drive, float(arena), frame), card
 
 
 def ships() -> list[str]:

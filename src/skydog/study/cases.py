@@ -2,21 +2,23 @@
 
 from importlib import resources
 from operator import index
+from typing import Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Key, PRNGKeyArray
+from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from skydog.errors import Refusal
 from skydog.study.options import Starts
-from skydog.world import mission, params
+from skydog.world import herding, mission, params
 from skydog.world.params import World
 from skydog.world.state import State, start
 
 # Where the three sheep start, in sides of the arena. The paper does not print its starts;
-# these are ours, opposite the goal: gathered in 4 m, and with one to collect first in 6 m.
+# these are ours, opposite the goal at (0, 0): gathered in 4 m, and with one to collect first in
+# 6 m. For a goal beyond the middle of an axis they are mirrored.
 PAPER_LAYOUT = ((0.55, 0.75), (0.60, 0.70), (0.75, 0.35))
 
 
@@ -31,8 +33,9 @@ def cases(
     """`count` starts, stacked along a first axis: the same for the same arguments.
 
     `paper`: the three sheep of `PAPER_LAYOUT`, and only the dogs' start varies, uniform in
-    the arena (paper, Section "Evaluation in Simulation"). `random`: the sheep vary too,
-    uniform in [L/2, 0.95 L]². Raises `Refusal` for a count below one, unknown starts or,
+    the arena (paper, Section "Evaluation in Simulation"). `random`: the sheep vary too, opposite
+    the goal, uniform in [L/2, 0.95 L]² for the goal at (0, 0) (`mission.reset`). `anywhere`: they
+    are uniform in the arena. Raises `Refusal` for a count below one, unknown starts or,
     with `paper` starts, another number of sheep than three.
     """
     if count < 1:
@@ -47,7 +50,16 @@ def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: 
     drawn = mission.reset(world, key, sheep, dogs)
     if starts == "random":
         return drawn
-    return start(jnp.asarray(PAPER_LAYOUT) * world.arena.size, drawn.dogs)
+    if starts == "anywhere":
+        for_sheep, _ = jax.random.split(key)
+        return start(world.arena.size * jax.random.uniform(for_sheep, (sheep, 2)), drawn.dogs)
+    return start(_opposite(world, jnp.asarray(PAPER_LAYOUT)) * world.arena.size, drawn.dogs)
+
+
+def _opposite(world: World, shares: Float[Array, "*places 2"]) -> Float[Array, "*places 2"]:
+    """Places opposite a goal at (0, 0), mirrored to lie opposite this world's goal."""
+    beyond = herding.goal(world.arena) > world.arena.size / 2
+    return jnp.where(beyond, 1.0 - shares, shares)
 
 
 @eqx.filter_jit
@@ -59,8 +71,8 @@ def _drawn(
 
 def check(starts: str, sheep: int, dogs: int) -> None:
     """Raise `Refusal` for starts that cannot be drawn."""
-    if starts not in ("paper", "random"):
-        raise Refusal(f"no starts are called {starts!r}; choose from paper, random")
+    if starts not in get_args(Starts):
+        raise Refusal(f"no starts are called {starts!r}; choose from {', '.join(get_args(Starts))}")
     if sheep < 1:
         raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
     if dogs < 1:
@@ -72,17 +84,18 @@ def check(starts: str, sheep: int, dogs: int) -> None:
         )
 
 
-def shipped(world: World, name: Starts) -> State:
+def shipped(world: World, name: Literal["paper", "random"]) -> State:
     """The fixed cases of the simulation study, for an arena of any size.
 
     `paper`: 30 starts of the UAV with the three sheep of `PAPER_LAYOUT`, as the paper tests.
     `random`: 1,000 in which the three sheep vary too. Both ship as CSV, in sides of the arena,
-    for other tools to fly; `as_table` made them of `cases` with seed 0 and 1.
+    for other tools to fly, for a goal at (0, 0); `as_table` made them of `cases` with seed 0 and 1.
+    For a goal beyond the middle of an axis they are mirrored.
     """
     file = resources.files("skydog.study").joinpath("data", f"{name}.csv")
     with file.open(encoding="utf-8") as lines:
         shares = np.loadtxt(lines, delimiter=",", skiprows=1, dtype=np.float32)
-    placed = jnp.asarray(shares.reshape(len(shares), -1, 2)) * world.arena.size
+    placed = _opposite(world, jnp.asarray(shares.reshape(len(shares), -1, 2))) * world.arena.size
     return jax.vmap(start)(placed[:, 1:], placed[:, :1])
 
 

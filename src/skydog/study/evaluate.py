@@ -73,7 +73,8 @@ def scenario(shepherd: Shepherd, world: World) -> str:
         return f"{type(shepherd).__name__}-{flown}"
     home = f"{shepherd.arena:g}x{shepherd.arena:g}"
     learnt = "" if shepherd.arena == world.arena.size else f"{home}to"
-    return f"{'H-DDPG' if shepherd.drive.stretches else 'DHRL'}-{learnt}{flown}"
+    kind = "H-DDPG" if shepherd.drive.stretches else "DHRL"
+    return f"{kind}-{learnt}{flown}{'-paper-frame' * (shepherd.frame == 'paper')}"
 
 
 def noise_key(world: World, seed: int) -> PRNGKeyArray | None:

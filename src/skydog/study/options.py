@@ -1,6 +1,13 @@
-"""The options of a study, spelled once. Free to import."""
+"""The options of a study, spelled once, and what its parts hand to each other. Free to import."""
 
-from typing import Literal
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Literal
 
-Starts = Literal["paper", "random"]
-"""How starts are drawn, see `skydog.study.cases.cases`; and the fixed sets of them that ship."""
+Starts = Literal["paper", "random", "anywhere"]
+"""How starts are drawn, see `skydog.study.cases.cases`."""
+
+Results = dict[str, Any]
+"""Figures by name, as plain data."""
+
+Track = Callable[[str, Iterable[Any]], Iterator[Any]]
+"""Goes through things, and shows under a title how many are done."""

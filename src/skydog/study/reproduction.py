@@ -4,14 +4,18 @@ from html import escape
 from typing import Any
 
 from skydog.study import report, transfer
-from skydog.study.claims import ALL_SCALES, ONE_SCALE
+from skydog.study.claims import ALL_SCALES, FOLDED, ONE_SCALE
 from skydog.study.report import Row, figure, html_table, markdown_table, share
 
 # The lines of the transfer study.
 SCALED = "H-DDPG-4x4 through ξ"
 UNSCALED = "H-DDPG-4x4, unscaled"
 NATIVE = "taught in that arena"
-ALL_SEEDS = {ALL_SCALES: "H-DDPG-4x4", ONE_SCALE: "H-DDPG-4x4-one-scale"}
+ALL_SEEDS = {
+    FOLDED: "H-DDPG-4x4",
+    ALL_SCALES: "H-DDPG-4x4-paper-frame",
+    ONE_SCALE: "H-DDPG-4x4-one-scale-paper-frame",
+}
 
 FIGURES = {  # by caption: the name of its file
     "The 15th case in 6 × 6, flown by each shepherd": "trajectories",
@@ -49,7 +53,19 @@ NOTES = (
     "Of several seeds, the one that flies needs the fewest steps for 200 other cases drawn as the "
     "30 are and 200 drawn as the random ones: the 4 × 4 H-DDPG in all arenas of the transfer "
     "study, the others where the paper flies them. The study's own cases have no say in it.",
+    "Sheepdogs see in the folded frame: the symmetries of the square turn every direction into one "
+    "eighth of them, and lessons draw the goal, and half of the flocks to collect, anywhere. Rows "
+    "of the paper's frame have the world's own axes and lessons with the goal at (0, 0). In the "
+    "tables of the paper's scenarios the furthest stray is collected first, as in the paper; in "
+    "those of goals, starts, flocks and noise the stray at hand, but where a name says otherwise.",
 )
+# How the tables of `robustness` are called.
+ROBUSTNESS = {
+    "goals": "Any goal: 1,000 random starts for each",
+    "starts": "Any start: sheep anywhere, 2,000 missions; in three corners, 1,000",
+    "flocks": "Any flock: 1,000 random starts, arenas that grow as the flock",
+    "noise": "With noise: 1,000 random starts",
+}
 
 
 def rows(results: dict[str, Any]) -> list[Row]:
@@ -77,6 +93,10 @@ def page(results: dict[str, Any], figures: dict[str, str], player: str, command:
         "More rules and other speeds": html_table(*_others(results)),
         "Against the rule dog on the same cases": html_table(*_differences(results)),
         "From one arena to another": html_table(*_transfer(results["transfer"])),
+        **{
+            title: html_table(*_robustness(results["robustness"][name]))
+            for name, title in ROBUSTNESS.items()
+        },
         "Is it luck? Every seed": html_table(*_seeds(results["seeds"])),
         "Replay": player,
         "Notes": "".join(f"<p>{escape(note)}</p>" for note in NOTES),
@@ -110,6 +130,7 @@ def document(results: dict[str, Any], command: str) -> str:
         "More rules and other speeds": _others(results),
         "Against the rule dog on the same cases": _differences(results),
         "From one arena to another": _transfer(results["transfer"]),
+        **{title: _robustness(results["robustness"][name]) for name, title in ROBUSTNESS.items()},
         "Is it luck? Every seed": _seeds(results["seeds"]),
     }
     lines += [line for title, file in FIGURES.items() for line in (f"![{title}]({file}.png)", "")]
@@ -192,6 +213,21 @@ def _transfer(lines: dict[str, Any]) -> Table:
         for name, by in lines.items()
     ]
     return head, body
+
+
+def _robustness(rows: dict[str, Any]) -> Table:
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+    head = ["success, and steps", *columns]
+    return head, [
+        [name, *(_cell(row[column]) if column in row else "—" for column in columns)]
+        for name, row in rows.items()
+    ]
+
+
+def _cell(row: dict[str, Any]) -> str:
+    low, high = row["success_ci95"]
+    interval = f"[{100 * low:.2f}, {100 * high:.2f}]"
+    return f"{share(row['success'])}, {figure(row['steps'], '.0f').split(chr(10))[0]}\n{interval}"
 
 
 def _seeds(kinds: dict[str, Any]) -> Table:

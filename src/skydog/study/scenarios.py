@@ -1,9 +1,7 @@
 """The paper's simulation study: its eight scenarios and ours beside them, flown and measured."""
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,23 +10,29 @@ import numpy as np
 from skydog.learning.train import Curve
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
-from skydog.study import claims, evaluate, paper, reproduction, statistics, transfer, verdict
+from skydog.study import (
+    claims,
+    evaluate,
+    paper,
+    reproduction,
+    robustness,
+    statistics,
+    transfer,
+    verdict,
+)
 from skydog.study.cases import shipped
 from skydog.study.claims import Measured
+from skydog.study.options import Results, Track
 from skydog.world.limits import AnyDirection
 from skydog.world.mission import MAX_STEPS, Fly, Shepherd
 from skydog.world.params import World
-from skydog.world.presets import preset
+from skydog.world.presets import furthest_first, preset
 from skydog.world.trace import Trace
-
-Results = dict[str, Any]
-
-Track = Callable[[str, Iterable[Any]], Iterator[Any]]
-"""Goes through things, and shows under a title how many are done."""
 
 SIZES = (4.0, 6.0)
 SHOWN_CASE = 15  # the paper shows the trajectories of its 15th case
 SHOWN = ("Strombom-6x6", "DHRL-6x6", "H-DDPG-6x6", "H-DDPG-4x4to6x6")
+PAPER_FRAME = "-paper-frame"  # how the name of a sheepdog of the paper's frame ends
 AT_PAPERS_SPEED = f", {paper.STROMBOM_SPEED} m/s"
 
 
@@ -57,7 +61,7 @@ def flights(dogs: dict[str, Sheepdog]) -> dict[str, Flight]:
         learnt = f"{scenario.shepherd}-{scenario.learnt}x{scenario.learnt}"
         flown[name] = Flight(
             Strombom() if scenario.learnt is None else dogs[learnt],
-            preset("paper", float(scenario.flown)),
+            furthest_first(preset("paper", float(scenario.flown))),
             f"Strombom-{scenario.flown}x{scenario.flown}",
         )
     for rule in ("Strombom-4x4", "Strombom-6x6"):
@@ -69,7 +73,16 @@ def flights(dogs: dict[str, Sheepdog]) -> dict[str, Flight]:
         shepherd, world, rule = flown[name].shepherd, flown[name].world, flown[name].rule
         world = replace(world, dog=replace(world.dog, limits=AnyDirection()))
         flown[f"{name}, 1 m/s"] = Flight(shepherd, world, f"{rule}, 1 m/s")
+    for name, scenario in paper.SCENARIOS.items():
+        if scenario.learnt is not None:
+            learnt = f"{scenario.shepherd}-{scenario.learnt}x{scenario.learnt}{PAPER_FRAME}"
+            flown[row_of(name + PAPER_FRAME)] = replace(flown[name], shepherd=dogs[learnt])
     return flown
+
+
+def row_of(dog: str) -> str:
+    """The row of a sheepdog in its own arena."""
+    return dog.replace(PAPER_FRAME, ", paper's frame")
 
 
 def fly_one(flight: Flight, fly: Fly) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Trace]:
@@ -112,6 +125,7 @@ def fly_all(trained: Trained, fly: Fly, track: Track) -> tuple[Results, dict[str
         "others": rows,
         "transfer": moved,
         "seeds": seeds_of(trained, fly, track),
+        "robustness": robustness.fly_all(dogs, fly, track),
         "claims": [vars(finding) for finding in findings],
     }
     return results, {name: shown[name] for name in SHOWN}
@@ -162,7 +176,7 @@ def seeds_of(trained: Trained, fly: Fly, track: Track) -> Results:
     }
     found = {}
     for name, dogs in track("Flying every seed", several.items()):
-        world = preset("paper", float(dogs[0].arena))
+        world = furthest_first(preset("paper", float(dogs[0].arena)))
         starts = shipped(world, "paper")
         rows = [evaluate.row(fly(world, dog, starts, MAX_STEPS, None)) for dog in dogs]
         found[name] = {"chosen": trained.chosen.get(name), "rows": rows}
@@ -171,7 +185,7 @@ def seeds_of(trained: Trained, fly: Fly, track: Track) -> Results:
 
 def shown_skills(papers: bool) -> dict[str, str]:
     """The four models that the paper shows, in our lessons or in its own: panel and curve."""
-    kind = "-paper-reward-one-scale" if papers else ""
+    kind = "-paper-reward-one-scale-paper-frame" if papers else ""
     return {
         f"{skill} {size:g}x{size:g}": f"H-DDPG-{size:g}x{size:g}{kind} {skill}"
         for size in SIZES

@@ -10,7 +10,7 @@ from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import evaluate
 from skydog.study.cases import shipped
 from skydog.world.mission import MAX_STEPS, Fly
-from skydog.world.presets import preset
+from skydog.world.presets import furthest_first, preset
 
 ARENAS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0)  # metres
 
@@ -34,7 +34,7 @@ def sweep(
     """Fly sheepdogs through the 30 cases in each arena; the row of figures of all, by arena."""
     rows = {}
     for arena in arenas:
-        world = preset("paper", arena)
+        world = furthest_first(preset("paper", arena))
         starts = shipped(world, "paper")
         flown = [
             evaluate.measure(fly(world, seen(dog, arena), starts, MAX_STEPS, None))

@@ -67,7 +67,7 @@
     put(".speed", nearest(settings.speed));
     for (const noise of ["noise", "perception", "actuation"]) put(`.${noise}`, settings[noise]);
     find(`[name=mode][value=${settings.mode}]`).checked = true;
-    find(".about").textContent = hello.presets[settings.preset].replace(/\.$/, "");
+    find(".preset").closest("fieldset").querySelector(".about").textContent = hello.presets[settings.preset].replace(/\.$/, "");
     find(".hint").textContent = HINTS[settings.mode];
     find(".play path").setAttribute("d", settings.paused ? PLAY : PAUSE);
     find(".play span").textContent = settings.paused ? "Play" : "Pause";

@@ -70,6 +70,10 @@
     if (message.settings) { settings = message.settings; reflect(); }
     if (fresh) { start = message.start; waiting = 0; views = []; held = null; camera = undefined; ripple = 0; }
     if (message.settings && !fresh) waiting = 0;
+    if (message.beyond) {
+      const asked = message.beyond.join("; ");
+      find(".beyond").textContent = asked && `It was taught ${asked}.`;
+    }
     if (message.waits !== undefined) waits = message.waits;
     if (message.flights) {
       const now = performance.now();

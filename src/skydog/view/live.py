@@ -6,7 +6,7 @@ A server on loopback computes, a page draws, and each page has a `session` of it
 import asyncio
 import json
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,14 +15,15 @@ from weakref import WeakSet
 import jax
 
 from skydog.errors import Refusal
-from skydog.shepherds import store
+from skydog.shepherds import scope, store
+from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.view import session as sessions
 from skydog.view.access import Access, address_of, no_address
 from skydog.view.messages import LONGEST_ARENA, MOST_DOGS, MOST_SHEEP, parse, short
 from skydog.view.session import HOVER, SPEEDS, Session, Settings, Worlds
 from skydog.world.mission import Shepherd
-from skydog.world.presets import PRESETS, make
+from skydog.world.presets import PRESETS, Point, make
 
 TICK = 1 / 60  # seconds between frames, at least
 HICCUP = 0.1  # seconds that a session makes up for at most, after a pause of the machine
@@ -31,6 +32,9 @@ RATE = 500  # messages per second that are read
 PENDING = 64  # messages that a session is behind its page, at most
 LARGEST = 1 << 16  # bytes of a message; beyond it the connection is closed
 COMPILED = 100  # kinds of worlds whose compiled code is kept
+
+Cards = Mapping[str, dict[str, Any]]
+"""The cards of sheepdogs, by the name that a page calls them."""
 
 log = logging.getLogger("skydog.live")
 # What is no HTTP or comes from elsewhere is turned away without a page of traceback each.
@@ -48,6 +52,12 @@ def policies(chosen: str) -> dict[str, Shepherd]:
     return first | rules | {name: store.load(name) for name in store.ships()} | first
 
 
+def cards(chosen: str) -> dict[str, dict[str, Any]]:
+    """The cards of the sheepdogs among `policies(chosen)`, by name."""
+    learnt = [name for name, steers in policies(chosen).items() if isinstance(steers, Sheepdog)]
+    return {name: store.read(name)[1] for name in learnt}
+
+
 def serve(
     shepherds: dict[str, Shepherd],
     chosen: str,
@@ -59,20 +69,23 @@ def serve(
     port: int = 8020,
     ready: Callable[[str], None] = print,
     worlds: Worlds = PRESETS,
+    goal: Point | None = None,
+    goal_radius: float | None = None,
+    cards: Cards | None = None,
 ) -> None:
     """Serve the live view until Ctrl-C. `ready` is called with its address as soon as it listens.
 
     Pages choose among `shepherds` and `worlds` by name, and begin with the `chosen` shepherd and
-    the `preset`. A port of 0 is any that is free. Raises `Refusal` for a world that cannot be, and
-    for an address that cannot be listened at.
+    the `preset`. `cards` tell what each sheepdog was taught for. A port of 0 is any that is free.
+    Raises `Refusal` for a world that cannot be, and for an address that cannot be listened at.
     """
 
     async def run() -> None:
-        async with listening(shepherds, begin, host, port, worlds) as url:
+        async with listening(shepherds, begin, host, port, worlds, cards) as url:
             ready(url)
             await asyncio.Event().wait()
 
-    begin = opening(shepherds, chosen, preset, arena, sheep, dogs, worlds)
+    begin = opening(shepherds, chosen, preset, arena, sheep, dogs, worlds, goal, goal_radius)
     with suppress(KeyboardInterrupt):
         asyncio.run(run())
 
@@ -85,6 +98,8 @@ def opening(
     sheep: int = 3,
     dogs: int = 1,
     worlds: Worlds = PRESETS,
+    goal: Point | None = None,
+    goal_radius: float | None = None,
 ) -> Settings:
     """What a page begins with. Raises `Refusal` for what the live view does not show."""
     if chosen not in shepherds:
@@ -96,11 +111,12 @@ def opening(
     if preset not in worlds:
         raise Refusal(f"no preset is called {preset!r}; choose from {', '.join(worlds)}")
     if arena is not None:
-        make(worlds[preset], float(arena), sheep)
+        make(worlds[preset], float(arena), sheep, goal, goal_radius)
     if arena is not None and arena > LONGEST_ARENA:
         raise Refusal(f"arena must be at most {LONGEST_ARENA:g} m, got {arena}; try --arena 20")
     begin = sessions.with_preset(Settings(policy=chosen, sheep=sheep), preset, worlds)
     begin = replace(begin, arena=None if arena is None else float(arena), sheep=sheep, dogs=dogs)
+    begin = replace(begin, goal=goal, goal_radius=goal_radius)
     sessions.new(begin, worlds)
     return begin
 
@@ -112,6 +128,7 @@ async def listening(
     host: str,
     port: int,
     worlds: Worlds = PRESETS,
+    cards: Cards | None = None,
 ) -> AsyncIterator[str]:
     """The live view's server, as long as the context lasts; gives the address of its page.
 
@@ -133,7 +150,7 @@ async def listening(
             links.add(self)
 
     links: WeakSet[Link] = WeakSet()
-    pages = Pages(shepherds, begin, worlds)
+    pages = Pages(shepherds, begin, worlds, cards or {})
     try:
         server = await serving(
             pages.serve,
@@ -200,9 +217,12 @@ class Inbox:
 class Pages:
     """What all pages of a server share."""
 
-    def __init__(self, shepherds: dict[str, Shepherd], begin: Settings, worlds: Worlds):
+    def __init__(
+        self, shepherds: dict[str, Shepherd], begin: Settings, worlds: Worlds, cards: Cards
+    ):
         self.shepherds = shepherds
         self.worlds = worlds
+        self.cards = cards
         self.begin = begin
         self.compiled: set[tuple[Any, ...]] = set()
         self.compiling = asyncio.Semaphore(1)  # so that other pages find a core
@@ -297,7 +317,11 @@ class Pages:
 
     def _advance_now(self, session: Session, steps: int) -> tuple[Session, dict[str, Any]]:
         session = sessions.advance(session, self.shepherds, steps)
-        return session, sessions.view(session)
+        return session, {**sessions.view(session), "beyond": self._beyond(session)}
+
+    def _beyond(self, session: Session) -> list[str]:
+        chosen = session.settings
+        return scope.beyond(self.cards.get(chosen.policy, {}), session.world, chosen.sheep)
 
     def _hello(self) -> dict[str, Any]:
         return {

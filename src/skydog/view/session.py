@@ -20,7 +20,7 @@ from skydog.view import ground
 from skydog.world import herding, mission, params
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
-from skydog.world.presets import PRESETS, make
+from skydog.world.presets import PRESETS, Point, make
 from skydog.world.state import State
 from skydog.world.vectors import norm
 
@@ -40,6 +40,8 @@ class Settings:
     policy: str
     preset: str = "paper"  # or the name of a world of one's own
     arena: float | None = None  # None is as wide as the flock needs
+    goal: Point | None = None  # None is the world's own
+    goal_radius: float | None = None
     sheep: int = 3
     dogs: int = 1
     case: int = 1  # the seed of start and noise
@@ -122,6 +124,8 @@ def with_preset(settings: Settings, preset: str, worlds: Worlds = PRESETS) -> Se
         settings,
         preset=preset,
         arena=None,
+        goal=None,
+        goal_radius=None,
         speed=min(SPEEDS, key=lambda speed: abs(math.log(speed / pace))),
         noise=ground.greatest(own.flock, "noise") or 0.0,
         perception=float(own.dog.perception_noise),
@@ -139,6 +143,8 @@ def update(session: Session, message: dict[str, Any]) -> Session:
         settings = with_preset(settings, message["preset"], session.worlds)
     own = {each.name for each in fields(Settings)} - {"preset"}
     settings = replace(settings, **{name: message[name] for name in own & set(message)})
+    if "arena" in message and "goal" not in message:
+        settings = replace(settings, goal=None)
     if settings.arena is not None and settings.arena <= _goal_radius(settings, session.worlds):
         if "arena" in message:
             raise Refusal(
@@ -163,8 +169,7 @@ def update(session: Session, message: dict[str, Any]) -> Session:
         world = _world(settings, session.worlds)
         session = Session(settings, world, session.worlds, start=session.start + 1, waits=waits)
     elif settings != session.settings:
-        place = herding.goal(session.world.arena)
-        world = _with_goal(_world(settings, session.worlds), place)
+        world = _world(settings, session.worlds)
         session = replace(session, settings=settings, world=world)
         if settings.mode == "watch":
             session = replace(session, steering=(HOVER, (0.0, 0.0)))
@@ -261,7 +266,8 @@ def view(session: Session) -> dict[str, Any]:
 def _world(settings: Settings, worlds: Worlds) -> World:
     """The world that the settings ask for, its numbers as arrays: none of them compiles anew."""
     size = _roomy(settings, worlds) if settings.arena is None else settings.arena
-    world = make(worlds[settings.preset], size, settings.sheep)
+    goal = settings.goal, settings.goal_radius
+    world = make(worlds[settings.preset], size, settings.sheep, *goal)
     noise = settings.perception, settings.actuation
     world = eqx.tree_at(lambda w: (w.dog.perception_noise, w.dog.actuation_noise), world, noise)
     # A law of one's own need not know of noise; what each sheep has its own of, stays.
@@ -283,15 +289,13 @@ def _roomy(settings: Settings, worlds: Worlds) -> float:
     own = _own(worlds, settings.preset, settings.sheep).arena
     if settings.preset not in PRESETS:
         return float(own.size)
-    return max(float(own.size), float(math.ceil(2 * float(own.goal_radius))))
+    return max(float(own.size), float(math.ceil(2 * _goal_radius(settings, worlds))))
 
 
 def _goal_radius(settings: Settings, worlds: Worlds) -> float:
+    if settings.goal_radius is not None:
+        return settings.goal_radius
     return float(_own(worlds, settings.preset, settings.sheep).arena.goal_radius)
-
-
-def _with_goal(world: World, place: Float[Array, "2"]) -> World:
-    return eqx.tree_at(lambda w: (w.arena.goal_x, w.arena.goal_y), world, (place[0], place[1]))
 
 
 def _holding(session: Session, held: tuple[str, int, tuple[float, float]] | None) -> Session:
@@ -306,8 +310,9 @@ def _holding(session: Session, held: tuple[str, int, tuple[float, float]] | None
     beyond = float(session.world.dog.airspace) if who == "dog" else 0.0
     x, y = (min(max(at, -beyond), size + beyond) for at in place)
     if who == "goal":
-        goal = jnp.asarray((x, y), jnp.float32)
-        return replace(session, held=None, world=_with_goal(session.world, goal))
+        settings = replace(session.settings, goal=(x, y))
+        world = _world(settings, session.worlds)
+        return replace(session, held=None, settings=settings, world=world)
     if session.settings.mode == "race":
         raise Refusal("in a race nobody is carried; fly the dog instead")
     session = replace(session, held=(who, number, (x, y)))

@@ -74,27 +74,35 @@ def collecting_points(
 ) -> tuple[Float[Array, "dogs 2"], Bool[Array, " dogs"]]:
     """P_σ2 for each dog: R_ππ behind its stray, seen from where that is to be pushed to.
 
-    The sheep that strays furthest goes to the dog nearest to its point, the next to the nearest
-    of the others, and so on. Also tells which dogs have a stray: a sheep that strays further
-    than f(N), or, for the first choice, the furthest sheep wherever it is.
+    The strays are the sheep further out than f(N), or else the furthest sheep, wherever it is.
+    The one that strays furthest goes to the dog nearest to its point, the next to the nearest of
+    the others, and so on; how far a sheep strays counts less by the world's `dog.nearness` times
+    its distance to the nearest dog that is still free. Also tells which dogs have a stray.
     """
     way = way_home(world, sheep)
     points = sheep + world.dog.collecting * -way.push_direction
+    furthest = jnp.max(way.stray_distance)
+    least = jnp.minimum(furthest, gathered_radius(world, len(sheep)))
+    outside = (way.stray_distance > least) | (way.stray_distance == furthest)
+    to_sheep = norm(dogs[:, None] - sheep[None, :])
     if len(dogs) == 1:
-        stray = jnp.argmax(way.stray_distance)
+        rank = way.stray_distance - world.dog.nearness * to_sheep[0]
+        stray = jnp.argmax(jnp.where(outside, rank, -jnp.inf))
         return points[stray][None], jnp.ones(1, bool)
 
-    def hand_out(carry, rank):
-        target, busy = carry
-        point = points[furthest[rank]]
-        outside = (rank == 0) | (strays[rank] > gathered_radius(world, len(sheep)))
-        away = jnp.where(busy, jnp.inf, norm(dogs - point))
-        chosen = (jnp.arange(len(dogs)) == jnp.argmin(away)) & outside
-        return (jnp.where(chosen[:, None], point, target), busy | chosen), None
+    def hand_out(carry, _):
+        target, busy, left = carry
+        away = jnp.min(jnp.where(busy[:, None], jnp.inf, to_sheep), axis=0)
+        rank = jnp.where(left, way.stray_distance - world.dog.nearness * away, -jnp.inf)
+        stray = jnp.argmax(rank)
+        nearest = jnp.argmin(jnp.where(busy, jnp.inf, norm(dogs - points[stray])))
+        chosen = (jnp.arange(len(dogs)) == nearest) & left[stray]
+        target = jnp.where(chosen[:, None], points[stray], target)
+        return (target, busy | chosen, left & (jnp.arange(len(sheep)) != stray)), None
 
-    strays, furthest = jax.lax.top_k(way.stray_distance, min(len(dogs), len(sheep)))
-    nobody = (dogs, jnp.zeros(len(dogs), bool))
-    (target, busy), _ = jax.lax.scan(hand_out, nobody, jnp.arange(len(strays)))
+    nobody = (dogs, jnp.zeros(len(dogs), bool), outside)
+    rounds = min(len(dogs), len(sheep))
+    (target, busy, _), _ = jax.lax.scan(hand_out, nobody, None, length=rounds)
     return target, busy
 
 

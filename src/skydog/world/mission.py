@@ -54,15 +54,19 @@ class Decision(eqx.Module):
 
 
 def reset(world: World, key: PRNGKeyArray, sheep: int = 3, dogs: int = 1) -> State:
-    """A random start: sheep uniform in [L/2, 0.95 L]², dogs anywhere in the arena.
+    """A random start: the flock opposite the goal, dogs anywhere in the arena.
 
-    The flock starts in the quarter opposite the goal, as in Strömbom 2014; the paper does not
-    print its starts.
+    For the goal in the corner (0, 0) the sheep are uniform in [L/2, 0.95 L]², the quarter
+    opposite, as in Strömbom 2014; the paper does not print its starts. On an axis on which the
+    goal is in the middle they are uniform in [0.05 L, 0.95 L].
     """
     for_sheep, for_dogs = jax.random.split(key)
     size = world.arena.size
+    share = herding.goal(world.arena) / size
+    least = jnp.clip(0.5 - 0.9 * share, 0.05, 0.5)
+    most = jnp.clip(0.95 - 0.9 * (share - 0.5), 0.5, 0.95)
     return start(
-        size * jax.random.uniform(for_sheep, (sheep, 2), minval=0.5, maxval=0.95),
+        size * jax.random.uniform(for_sheep, (sheep, 2), minval=least, maxval=most),
         size * jax.random.uniform(for_dogs, (dogs, 2)),
     )
 

@@ -31,6 +31,9 @@ class Dog(eqx.Module):
     driving: Scalar  # driving point: this times √N behind the flock
     collecting: Scalar  # collecting point: this far behind the stray
     airspace: Scalar  # how far beyond the arena's walls a dog may fly
+    # How the stray to collect is chosen among the sheep outside f(N): by how far it strays, less
+    # this times its distance to the dog. 0: the furthest; 1: the one at hand.
+    nearness: Scalar = 0.0
     stall: Scalar = 0.0  # the rule dog stands while a sheep is nearer than this; 0 is off
     actuation_noise: Scalar = 0.0  # SD of the error of each component of a flown velocity
     perception_noise: Scalar = 0.0  # SD of the error of each coordinate that a dog sees

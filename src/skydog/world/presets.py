@@ -16,6 +16,9 @@ from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import Arena, Dog, Sheep, World, check
 from skydog.world.spread import Spread, SquareRootSpread, TwoThirdsSpread
 
+Point = tuple[float, float]
+"""A place in the arena: x and y in metres."""
+
 
 def paper(arena: float = 4.0, sheep: int = 3) -> World:
     """Nguyen et al. 2020 (arXiv 2004.11543), Table "Parameters in setups".
@@ -42,6 +45,9 @@ def paper(arena: float = 4.0, sheep: int = 3) -> World:
             driving=1.0,  # paper, "Problem Formulation": R_ππ √N behind the flock
             collecting=1.0,  # paper, "Problem Formulation": R_ππ behind the stray
             airspace=1.4,  # not in the paper; its authors' laboratory code, 2019
+            # Ours, so that a dog does not commute between strays that are equally far. The paper
+            # takes the furthest, which is 0: `furthest_first`.
+            nearness=1.0,
             stall=0.0,  # Strömbom's 3 R_ππ is 3 m here and would stall the dog for good
             limits=PerAxis(),  # paper, "Action and state space"
         ),
@@ -132,30 +138,72 @@ PRESETS: dict[str, Callable[..., World]] = {
 }
 
 
-def preset(name: str = "paper", arena: float | None = None, sheep: int = 3) -> World:
+def preset(
+    name: str = "paper",
+    arena: float | None = None,
+    sheep: int = 3,
+    goal: Point | None = None,
+    goal_radius: float | None = None,
+) -> World:
     """A world by the name of its preset, for `sheep` sheep in an arena of `arena` metres.
 
-    An arena of None is the preset's own. Raises `Refusal` for an unknown name, an
-    arena that is not wider than the goal, or a flock of fewer than one sheep.
+    `goal`, x and y, and its radius 𝔻 are in metres too; what is None is the preset's own.
+    Raises `Refusal` for an unknown name, an arena that is not wider than the goal's radius, a
+    goal outside the arena, or a flock of fewer than one sheep.
     """
     if name not in PRESETS:
         raise Refusal(f"no preset is called {name!r}; choose from {', '.join(PRESETS)}")
-    return make(PRESETS[name], arena, sheep)
+    return make(PRESETS[name], arena, sheep, goal, goal_radius)
 
 
-def make(maker: Callable[..., World], arena: float | None = None, sheep: int = 3) -> World:
+def make(
+    maker: Callable[..., World],
+    arena: float | None = None,
+    sheep: int = 3,
+    goal: Point | None = None,
+    goal_radius: float | None = None,
+) -> World:
     """The world that a function of `arena` and `sheep` makes, as the presets are.
 
-    An arena of None is the function's own. Raises `Refusal` as `preset` does, and for a law
-    without its methods.
+    What is None is the function's own. Raises `Refusal` as `preset` does, and for a law without
+    its methods.
     """
     if sheep < 1:
         raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
     world = check(maker(sheep=sheep) if arena is None else maker(arena=arena, sheep=sheep))
+    if goal_radius is not None:
+        if not 0.0 < goal_radius < math.inf:
+            raise Refusal(
+                f"the goal's radius is a length in metres, got {goal_radius}; try --goal-radius 2"
+            )
+        world = replace(world, arena=replace(world.arena, goal_radius=float(goal_radius)))
     radius = world.arena.goal_radius
     if not radius < world.arena.size < math.inf:
         raise Refusal(
             f"arena must be longer than {radius:g} m (the goal disc), got {world.arena.size}; "
             f"try --arena {2 * radius:g}"
         )
-    return world
+    return world if goal is None else _with_goal(world, goal)
+
+
+def with_nearness(world: World, nearness: float) -> World:
+    """The world whose gate chooses strays so (see `Dog.nearness`). Raises `Refusal`."""
+    if not 0.0 <= nearness < math.inf:
+        raise Refusal(f"nearness is a share of 0 or more, got {nearness}; try --nearness 1")
+    return replace(world, dog=replace(world.dog, nearness=float(nearness)))
+
+
+def furthest_first(world: World) -> World:
+    """The world with the paper's gate, which has the furthest stray collected first."""
+    return with_nearness(world, 0.0)
+
+
+def _with_goal(world: World, goal: Point) -> World:
+    size = float(world.arena.size)
+    if not all(0.0 <= at <= size for at in goal):
+        raise Refusal(
+            f"the goal lies in the arena, from 0 to {size:g} m on each axis, got "
+            f"{goal[0]:g},{goal[1]:g}; try --goal {size:g},{size:g}"
+        )
+    x, y = map(float, goal)
+    return replace(world, arena=replace(world.arena, goal_x=x, goal_y=y))

@@ -100,6 +100,12 @@ def unflatten(values: dict[str, Any]) -> World:
     )
 
 
+def law_name(place: str, law: object) -> str:
+    """The name in files of a law in a place: ours has one of `LAWS`."""
+    ours = {kind: name for name, kind in LAWS[place].items()}
+    return ours.get(type(law)) or own_name(law)
+
+
 def own_name(law: object) -> str:
     """The name in files of a law that is none of ours."""
     kind = type(law)
@@ -113,8 +119,7 @@ def _flatten(values: dict[str, Plain], place: str, part: Any) -> None:
             if part.sensing is not None:
                 values[f"{place}.sensing"] = _plain(part.sensing)
             return
-        ours = {kind: name for name, kind in LAWS[place].items()}
-        values[f"{place}.law"] = ours.get(type(part)) or own_name(part)
+        values[f"{place}.law"] = law_name(place, part)
     for field in fields(part):
         name, value = f"{place}.{field.name}", getattr(part, field.name)
         if name in LAWS:
@@ -201,7 +206,13 @@ def _number(value: Any) -> bool:
 
 
 def _upgraded(values: dict[str, Any]) -> dict[str, Any]:
-    """The values as they are written today: before, the flock held what is now a law's choice."""
+    """The values as they are written today.
+
+    Before, the furthest stray was always the one to collect; and still before, the flock held
+    what is now a law's choice.
+    """
+    if "dog.speed" in values:
+        values = {"dog.nearness": 0.0, **values}
     if "flock.literal_forces" not in values:
         return values
     values = dict(values)
