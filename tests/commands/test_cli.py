@@ -120,6 +120,21 @@ def test_the_help_lists_every_command_and_does_not_import_jax():
         ("test strombom --steps 0", "0", "--steps 1000"),
         ("test strombom --steps 99999999999", "99999999999", "--steps 1000"),
         ("test strombom --every 0", "0", "--every 10"),
+        ("test strombom --goal 4", "'4'", "--goal 4,4"),
+        ("test strombom --goal 1,2,3", "'1,2,3'", "--goal 4,4"),
+        ("test strombom --goal 5,1", "5,1", "--goal 4,4"),
+        ("test strombom --goal nan,1", "nan", "--goal 4,4"),
+        ("test strombom --goal-radius 0", "0.0", "--goal-radius 2"),
+        ("test strombom --nearness -1", "-1", "--nearness 1"),
+        ("train --goal a,b", "'a,b'", "--goal 4,4"),
+        ("train --goal 9,9", "9,9", "--goal 4,4"),
+        ("herd --goal 9,9", "9,9", "--goal 4,4"),
+        ("herd --goal-radius 5", "5", "--arena 10"),
+        ("export h-ddpg-4x4 --onnx --goal 0,5", "0,5", "--goal 4,4"),
+        ("export h-ddpg-4x4 --onnx --nearness nan", "nan", "--nearness 1"),
+        ("watch --goal 1", "'1'", "--goal 4,4"),
+        ("watch --goal 9,9", "9,9", "--goal 4,4"),
+        ("watch --goal-radius 0", "0.0", "--goal-radius 2"),
         ("test strombom --world flocks.py", "'flocks.py'", "FILE.py:NAME"),
         ("test strombom --world none.py:world", "none.py", "check the path"),
         ("train --world none.py:world", "none.py", "check the path"),
@@ -331,6 +346,41 @@ def test_a_sheepdog_of_another_world_says_where_it_was_trained(skydog, tmp_path)
     assert "--world hills.py:world" in err
     _, _, err = skydog("export", "dog", "--onnx")
     assert "trained in hills.py:world" in err
+
+
+def test_a_sheepdog_says_what_it_was_not_taught_for_and_flies_all_the_same(skydog, tmp_path):
+    actor = Actor(4, 2, (6,), jax.random.key(0))
+    card = {"taught_for": {"goals": [0.0, 0.0], "arenas": [3.0, 5.0], "sheep": 3}}
+    store.save(tmp_path / "dog" / store.FILE, Sheepdog(actor, actor, 4.0, "paper"), card)
+    code, _, err = skydog("test", "dog", "--cases", "1", "--json")
+    assert (code, "taught" in err) == (0, False)
+    asked = ["--goal", "6,6", "--arena", "6", "--cases", "1", "--json"]
+    code, out, err = skydog("test", "dog", *asked)
+    assert code == 0
+    assert "for the goal 0,0, not 6,6; for arenas of 3 to 5 m, not 6 m" in err
+    assert json.loads(out)["cases"] == 1
+    assert "not 6,6" in skydog("export", "dog", "--onnx", "--goal", "6,6", "--arena", "6")[2]
+
+
+def test_any_goal_and_starts_anywhere_are_flown_and_no_row_of_the_papers(skydog):
+    asked = ["--goal", "0,4", "--starts", "anywhere", "--cases", "5"]
+    code, out, _ = skydog("test", "h-ddpg-4x4", *asked)
+    assert code == 0
+    assert "100 %" in out
+    assert "paper's own" not in out
+    assert "paper's own" not in skydog("test", "strombom", "--cases", "2", "--goal", "4,4")[1]
+
+
+def test_paper_starts_are_flown_with_the_papers_gate_and_others_with_the_stray_at_hand(
+    skydog, tmp_path
+):
+    gates = {}
+    for starts in ("paper", "random"):
+        asked = ["--starts", starts, "--cases", "1", "--steps", "5", "--out", starts]
+        assert skydog("test", "strombom", *asked)[0] == 0
+        (file,) = (tmp_path / starts / "traces").iterdir()
+        gates[starts] = float(traces.load(file)[0].world.dog.nearness)
+    assert gates == {"paper": 0.0, "random": 1.0}
 
 
 def test_the_table_of_a_world_that_is_not_the_papers_has_no_column_for_it(skydog):

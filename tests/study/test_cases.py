@@ -10,7 +10,7 @@ from skydog.world.presets import preset
 WORLD = preset("paper", 6.0)
 
 
-@pytest.mark.parametrize("starts", ["paper", "random"])
+@pytest.mark.parametrize("starts", ["paper", "random", "anywhere"])
 def test_the_same_arguments_give_the_same_cases_and_another_seed_gives_others(starts):
     first, again = cases(WORLD, 5, starts, seed=3), cases(WORLD, 5, starts, seed=3)
     for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
@@ -42,9 +42,43 @@ def test_random_starts_draw_every_flock_anew_on_the_far_side_of_the_goal():
     assert len(np.unique(sheep.reshape(-1, 2), axis=0)) == 15
 
 
+PLACES = {0.0: (0.5, 0.95), 3.0: (0.05, 0.95), 6.0: (0.05, 0.5)}
+
+
+@pytest.mark.parametrize("goal_x", PLACES)
+@pytest.mark.parametrize("goal_y", PLACES)
+def test_random_starts_lie_opposite_the_goal_and_anywhere_where_it_is_in_the_middle(goal_x, goal_y):
+    world = preset("paper", 6.0, goal=(goal_x, goal_y))
+    share = np.asarray(cases(world, 400, "random").sheep) / 6.0
+    for axis, goal in enumerate((goal_x, goal_y)):
+        least, most = PLACES[goal]
+        assert least <= share[..., axis].min() < least + 0.02
+        assert most - 0.02 < share[..., axis].max() <= most
+
+
+def test_paper_starts_lie_opposite_the_goal_too():
+    far = cases(preset("paper", 6.0, goal=(6.0, 5.0)), 3)
+    near = cases(WORLD, 3)
+    np.testing.assert_allclose(far.sheep, 6.0 - near.sheep, atol=1e-5)
+    there, here = shipped(preset("paper", 6.0, goal=(0.0, 6.0)), "random"), shipped(WORLD, "random")
+    for one, other in ((there.sheep, here.sheep), (there.dogs, here.dogs)):
+        np.testing.assert_allclose(one[..., 0], other[..., 0], atol=1e-5)
+        np.testing.assert_allclose(one[..., 1], 6.0 - other[..., 1], atol=1e-5)
+
+
+def test_sheep_anywhere_fill_the_arena_whatever_the_goal():
+    for goal in ((0.0, 0.0), (6.0, 3.0)):
+        sheep = np.asarray(cases(preset("paper", 6.0, goal=goal), 400, "anywhere", sheep=7).sheep)
+        assert sheep.shape == (400, 7, 2)
+        assert 0.0 <= sheep.min() < 0.02
+        assert 5.98 < sheep.max() <= 6.0
+        np.testing.assert_allclose(np.mean(sheep, axis=(0, 1)), 3.0, atol=0.1)
+
+
 @pytest.mark.parametrize(
     ("asked", "bad", "remedy"),
     [
+        ({"starts": "nowhere"}, "nowhere", "anywhere"),
         ({"count": 0}, "0", "--cases"),
         ({"count": -3}, "-3", "--cases"),
         ({"sheep": 4}, "4", "--starts random"),

@@ -72,6 +72,27 @@ def test_a_mission_ends_where_it_is_accomplished_and_goes_on_when_the_goal_moves
     assert int(session.flights[0].step) == steps + 5
 
 
+def test_a_goal_stays_where_it_was_dragged_and_a_new_flock_starts_opposite():
+    session = advance(update(begun(), {"hold": ("goal", 0, (4.0, 4.0))}), SHEPHERDS, 1)
+    for message in ({"reset": True}, {"case": 2}, {"dogs": 2}):
+        session = advance(update(session, message), SHEPHERDS, 0)
+        assert session.settings.goal == (4.0, 4.0)
+        assert view(session)["world"]["goal"] == [4.0, 4.0]
+        assert np.asarray(places(session)[0]).max() <= 2.0
+    session = update(session, {"arena": 3.0})
+    assert session.settings.goal is None
+    assert update(session, {"goal": (3.0, 0.0)}).settings.goal == (3.0, 0.0)
+    with pytest.raises(Refusal, match="5,0"):
+        update(session, {"goal": (5.0, 0.0)})
+    assert update(session, {"preset": "strombom2014"}).settings.goal is None
+
+
+def test_a_smaller_goal_leaves_room_in_a_smaller_arena():
+    session = update(new(Settings("rule", goal_radius=0.5)), {"arena": 1.5})
+    assert float(session.world.arena.goal_radius) == 0.5
+    assert float(session.world.arena.size) == 1.5
+
+
 def test_a_reset_is_the_same_case_again_and_another_case_is_another():
     first = begun()
     flown = advance(first, SHEPHERDS, 9)

@@ -10,9 +10,11 @@ from drawn import numbers, open_scenes, scenes
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from skydog.world import herding
-from skydog.world.presets import preset
+from skydog.shepherds.strombom import Strombom
+from skydog.world import herding, mission
+from skydog.world.presets import furthest_first, preset, with_nearness
 from skydog.world.spread import TwoThirdsSpread
+from skydog.world.state import start
 
 SEVERAL = [(3, 2), (5, 3)]
 
@@ -41,17 +43,19 @@ def test_subgoals_and_behaviours_are_those_of_the_paper(scene):
 @given(scenes(shapes=[(2, 1), (3, 1)]))
 def test_of_strays_equally_far_one_is_collected(scene):
     world, state = scene
-    sheep, _, _ = numbers(state)
-    assume(not reference.gathered_is_close_call(world, sheep))
+    sheep, dogs, _ = numbers(state)
+    centre = sheep.mean(axis=0)
+    away = [reference.length(one - centre) for one in sheep]
+    radius = reference.gathering_distance(world, sheep)
+    assume(min(abs(one - radius) for one in away) > reference.CLOSE)
     subgoal, drives = gate(world, state)
     if not drives[0]:
-        furthest = reference.furthest_distance(sheep)
-        centre = sheep.mean(axis=0)
+        ranks = {i: reference.rank(world, sheep, i, dogs) for i in reference.outside(world, sheep)}
         beyond = world.arena.size + world.dog.airspace
         points = [
             np.clip(reference.collecting_point(world, sheep, i), -world.dog.airspace, beyond)
-            for i in range(len(sheep))
-            if reference.length(sheep[i] - centre) > furthest - 1e-4
+            for i, rank in ranks.items()
+            if rank > max(ranks.values()) - 1e-4
         ]
         assert min(reference.length(np.asarray(subgoal[0]) - point) for point in points) < 1e-4
 
@@ -186,3 +190,47 @@ def test_the_gate_drives_up_to_a_flock_as_wide_as_f_of_n():
     dogs = jnp.array([[5.0, 5.0]])
     assert bool(herding.gate(world, just_in, dogs)[1][0])
     assert not bool(herding.gate(world, just_out, dogs)[1][0])
+
+
+# The stray at hand
+
+CORNERS = [[8.6, 0.4], [8.6, 8.6], [0.4, 8.6]]
+
+
+def test_of_three_strays_the_paper_takes_the_furthest_and_the_presets_the_one_at_hand():
+    sheep = jnp.array([[8.0, 0.5], [8.6, 8.6], [0.4, 8.6]])
+    dogs = jnp.array([[6.0, 1.0]])
+    world = preset("paper", 9.0)
+    for chosen, stray in ((world, 0), (furthest_first(world), 1)):
+        expected = reference.collecting_point(chosen, np.asarray(sheep, float), stray)
+        point, _ = herding.collecting_points(chosen, sheep, dogs)
+        np.testing.assert_allclose(point[0], expected, atol=1e-4)
+
+
+def test_a_sheep_within_f_of_n_is_never_collected_however_near_it_is():
+    sheep = jnp.array([[2.0, 2.0], [2.2, 2.0], [2.0, 2.2], [2.2, 2.2], [8.0, 8.0]])
+    world = with_nearness(preset("paper", 9.0, 5), 100.0)
+    point, _ = herding.collecting_points(world, sheep, jnp.array([[2.1, 2.1]]))
+    expected = reference.collecting_point(world, np.asarray(sheep, float), 4)
+    np.testing.assert_allclose(point[0], expected, atol=1e-4)
+
+
+def test_a_dog_commutes_between_three_corners_unless_it_takes_the_stray_at_hand():
+    world = preset("paper", 9.0)
+    begun = start(jnp.array(CORNERS), jnp.array([[4.0, 4.0]]))
+    done = {
+        name: bool(mission.rollout(gate, Strombom("arrive"), begun).accomplished[-1])
+        for name, gate in (("at hand", world), ("furthest", furthest_first(world)))
+    }
+    assert done == {"at hand": True, "furthest": False}
+
+
+@pytest.mark.parametrize("dogs", [2, 3])
+def test_several_dogs_take_the_strays_at_hand_and_share_them_out(dogs):
+    world = preset("paper", 9.0)
+    near = jnp.array(CORNERS)[:dogs] + 0.3
+    points, busy = herding.collecting_points(world, jnp.array(CORNERS), near)
+    assert busy.all()
+    for i in range(dogs):
+        expected = reference.collecting_point(world, np.array(CORNERS), i)
+        np.testing.assert_allclose(points[i], expected, atol=1e-4)

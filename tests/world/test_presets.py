@@ -8,7 +8,7 @@ from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
 from skydog.world.limits import PerAxis
 from skydog.world.params import World
-from skydog.world.presets import PRESETS, preset
+from skydog.world.presets import PRESETS, furthest_first, preset, with_nearness
 from skydog.world.serialise import flatten
 
 
@@ -68,6 +68,13 @@ def test_an_arena_and_a_flock_of_another_size_are_as_asked(name):
         ({"sheep": 0}, "0", "--sheep 3"),
         ({"sheep": -2}, "-2", "--sheep 3"),
         ({"name": "strombom2014", "arena": 15.0, "sheep": 46}, "15", "--arena"),
+        ({"goal": (4.5, 0.0)}, "4.5,0", "--goal 4,4"),
+        ({"goal": (0.0, -1.0)}, "0,-1", "--goal 4,4"),
+        ({"goal": (math.nan, 1.0)}, "nan", "--goal 4,4"),
+        ({"goal_radius": 0.0}, "0.0", "--goal-radius 2"),
+        ({"goal_radius": -1.0}, "-1.0", "--goal-radius 2"),
+        ({"goal_radius": math.nan}, "nan", "--goal-radius 2"),
+        ({"goal_radius": 4.0}, "4", "--arena 8"),
     ],
 )
 def test_a_preset_that_cannot_be_is_refused_with_the_bad_value_and_the_remedy(asked, bad, remedy):
@@ -83,3 +90,23 @@ def test_the_remedy_of_a_refused_arena_is_accepted():
     with pytest.raises(Refusal) as refusal:
         preset("strombom2014", arena=15.0, sheep=100)
     preset("strombom2014", arena=float(str(refusal.value).split("--arena ")[1]), sheep=100)
+
+
+def test_a_goal_and_its_radius_are_as_asked():
+    world = preset("paper", 3.0, goal=(1.5, 3.0), goal_radius=1.2)
+    assert herding.goal(world.arena).tolist() == [1.5, 3.0]
+    assert world.arena.goal_radius == 1.2
+    assert preset("paper", 1.5, goal_radius=1.0).arena.size == 1.5
+
+
+def test_the_papers_presets_take_the_stray_at_hand_and_the_others_the_furthest():
+    assert {name: preset(name).dog.nearness for name in PRESETS} == {
+        name: 1.0 if name.startswith("paper") else 0.0 for name in PRESETS
+    }
+    assert furthest_first(preset("paper")).dog.nearness == 0.0
+
+
+@pytest.mark.parametrize("nearness", [-0.1, math.nan, math.inf])
+def test_a_nearness_that_cannot_be_is_refused(nearness):
+    with pytest.raises(Refusal, match="--nearness 1"):
+        with_nearness(preset("paper"), nearness)

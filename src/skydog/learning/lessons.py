@@ -37,7 +37,7 @@ NEAREST_STRAY = 1.2
 FURTHEST_STRAY = 1.0
 # So large a share of the episodes is drawn anywhere: goals in the arena and, to collect, sheep.
 # Missions meet such, strays in corners and subgoals beyond the airspace among them.
-ANYWHERE = 0.5
+ANYWHERE = 0.25
 # The dog starts within so many metres of the flock, on each axis, in arenas of any size: about
 # as far as it flies in an episode.
 REACH = 4.8

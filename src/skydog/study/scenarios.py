@@ -11,6 +11,7 @@ from skydog.learning.train import Curve
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.study import (
+    best,
     claims,
     evaluate,
     paper,
@@ -23,7 +24,7 @@ from skydog.study import (
 from skydog.study.cases import shipped
 from skydog.study.claims import Measured
 from skydog.study.options import Results, Track
-from skydog.world.limits import AnyDirection
+from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.mission import MAX_STEPS, Fly, Shepherd
 from skydog.world.params import World
 from skydog.world.presets import furthest_first, preset
@@ -140,12 +141,28 @@ def row(name: str, flight: Flight, measured: Measured, random: Measured) -> Resu
             metric: statistics.paired(measured[name][metric], measured[flight.rule][metric])
             for metric in ("steps", "steps_gcm", "distance")
         }
+    figures["times_best"] = times_best(flight.world, measured[name], random[name])
     # A rule dog at the speed of the paper's own is held against it too.
     printed = paper.PRINTED.get(name.removesuffix(AT_PAPERS_SPEED))
     if printed is not None:
         held = verdict.verdicts(ours, printed)
         figures |= {"paper": printed, "verdict": verdict.verdict(held), "verdicts": held}
     return figures
+
+
+def times_best(world: World, *measured: dict[str, np.ndarray]) -> Results:
+    """Steps as times the best known, on the cases and on the random starts that have plans.
+
+    Plans are of the paper's limit per axis: nothing is told of a world with another.
+    """
+    if not isinstance(world.dog.limits, PerAxis):
+        return {}
+    found = {}
+    for starts, ours in zip(("paper", "random"), measured, strict=True):
+        known = best.steps(starts, float(world.arena.size))
+        if known is not None:
+            found[starts] = best.times_best(ours["steps"][: len(known)], known)
+    return found
 
 
 def transferred(trained: Trained, dogs: dict[str, Sheepdog], fly: Fly, track: Track) -> Results:

@@ -143,8 +143,6 @@ def update(session: Session, message: dict[str, Any]) -> Session:
         settings = with_preset(settings, message["preset"], session.worlds)
     own = {each.name for each in fields(Settings)} - {"preset"}
     settings = replace(settings, **{name: message[name] for name in own & set(message)})
-    if "arena" in message and "goal" not in message:
-        settings = replace(settings, goal=None)
     if settings.arena is not None and settings.arena <= _goal_radius(settings, session.worlds):
         if "arena" in message:
             raise Refusal(
@@ -152,6 +150,8 @@ def update(session: Session, message: dict[str, Any]) -> Session:
                 f"{settings.arena:g} m is too short; try {_roomy(settings, session.worlds):g}"
             )
         settings = replace(settings, arena=None)  # the flock outgrew it
+    if settings.goal and "goal" not in message and max(settings.goal) > _side(settings, session):
+        settings = replace(settings, goal=None)
     if "step" in message:
         settings = replace(settings, paused=True)
 
@@ -290,6 +290,10 @@ def _roomy(settings: Settings, worlds: Worlds) -> float:
     if settings.preset not in PRESETS:
         return float(own.size)
     return max(float(own.size), float(math.ceil(2 * _goal_radius(settings, worlds))))
+
+
+def _side(settings: Settings, session: Session) -> float:
+    return settings.arena or _roomy(settings, session.worlds)
 
 
 def _goal_radius(settings: Settings, worlds: Worlds) -> float:
