@@ -55,10 +55,11 @@ NOTES = (
     "30 are and 200 drawn as the random ones: the 4 × 4 H-DDPG in all arenas of the transfer "
     "study, the others where the paper flies them. The study's own cases have no say in it.",
     "Sheepdogs see in the folded frame: the symmetries of the square turn every direction into one "
-    "eighth of them, and a quarter of the lessons draw the goal, or the sheep to collect, anywhere. Rows "
-    "of the paper's frame have the world's own axes and lessons with the goal at (0, 0). In the "
-    "tables of the paper's scenarios the furthest stray is collected first, as in the paper; in "
-    "those of goals, starts, flocks and noise the stray at hand, but where a name says otherwise.",
+    "eighth of them, and a quarter of the lessons draw the goal, or the sheep to collect, "
+    "anywhere. Rows of the paper's frame have the world's own axes and lessons with the goal at "
+    "(0, 0). In the tables of the paper's scenarios the furthest stray is collected first, as in "
+    "the paper; in those of goals, starts, flocks and noise the stray at hand, but where a name "
+    "says otherwise.",
 )
 # How the tables of `robustness` are called.
 ROBUSTNESS = {
