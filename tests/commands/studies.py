@@ -17,6 +17,15 @@ def assert_whole(out, results):
             for metric in ("steps", "distance", "cumulative_reward", "error_per_step", "turn"):
                 low, high = cases[metric]["ci95"]
                 assert low <= cases[metric]["mean"] <= high
+    assert results["robustness"].keys() == {"goals", "starts", "flocks", "noise"}
+    for rows in results["robustness"].values():
+        for cells in rows.values():
+            for cell in cells.values():
+                low, high = cell["success_ci95"]
+                assert low <= cell["success"] <= high
+                assert cell["failed"] == round((1.0 - cell["success"]) * cell["cases"])
+    for name in ("Strombom-4x4", "H-DDPG-6x6"):
+        assert results["rows"][name]["times_best"]["paper"]["mean"] >= 1.0
     page, document = (out / "report.html").read_text(), (out / "reproduces.md").read_text()
     for told in (*paper.SCENARIOS, *(claim.title for claim in claims.CLAIMS)):
         assert told in page

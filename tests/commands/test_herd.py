@@ -13,10 +13,9 @@ import pytest
 
 from skydog.commands import training
 from skydog.errors import Refusal
-from skydog.learning import ddpg, lessons, train, workers
+from skydog.learning import train, workers
 from skydog.learning.curriculum import Curriculum
 from skydog.learning.options import Skill
-from skydog.world.presets import preset
 
 CURRICULUM = Curriculum(steps=2_000)
 SKYDOG = [sys.executable, "-m", "skydog.cli"]
@@ -66,9 +65,9 @@ def test_a_run_folder_holds_everything(run):
 @pytest.mark.parametrize("skill", training.SKILLS)
 def test_a_worker_teaches_what_is_taught_in_process_with_its_seed(run, skill):
     out, _ = run
-    task = lessons.Lesson(preset("paper", 4.0), skill)
+    task = CURRICULUM.lesson(skill)
     seed = 1 if skill == "drive" else 0
-    here, _ = train.train(task, ddpg.Config(), seed, CURRICULUM.steps)
+    here, _ = train.train(task, CURRICULUM.config(), seed, CURRICULUM.steps)
     sheepdog, histories = training.fuse(CURRICULUM, out, 0)
     assert len(histories[skill].length) == 40
     for mine, theirs in zip(
@@ -161,8 +160,7 @@ def steps_done(out: Path) -> list[int]:
     for job in training.jobs(CURRICULUM, out, 0, resume=True):
         if not train.checkpoint_in(job.folder).exists():
             continue  # one core: it waits for the other
-        task = lessons.Lesson(CURRICULUM.world(), job.skill)
-        blank = train.init(task, ddpg.Config(), jax.random.key(0))
+        blank = train.init(CURRICULUM.lesson(job.skill), CURRICULUM.config(), jax.random.key(0))
         done.append(int(train.load(job.folder, blank, job.card)[0].step))
     return done
 

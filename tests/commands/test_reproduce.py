@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from studies import assert_whole
 
-from skydog.commands import console, reproduce, training, zoo
+from skydog.commands import reproduce, training, zoo
 from skydog.commands.zoo import Plan
 from skydog.errors import Refusal
 from skydog.shepherds import store
-from skydog.study import evaluate, scenarios, transfer
+from skydog.study import evaluate, robustness, scenarios, transfer
 from skydog.study.reproduction import NATIVE, SCALED, UNSCALED
 
 SMALL = Plan(seeds=1, episodes=20)
@@ -22,6 +22,8 @@ def study(tmp_path_factory):
         patch.setattr(transfer, "ARENAS", (4.0, 5.0, 6.0))
         patch.setattr(zoo, "CHOSEN_IN", dict.fromkeys(zoo.CHOSEN_IN, (4.0,)))
         patch.setattr(zoo, "CHOSEN_BY", 2)
+        for name, value in (("MISSIONS", 4), ("MISSIONS_ANYWHERE", 4), ("FLOCKS", (1, 3))):
+            patch.setattr(robustness, name, value)
         yield out, reproduce.run(out, SMALL, False, "skydog reproduce --seeds 1", evaluate.fly)
 
 
@@ -39,8 +41,11 @@ def test_what_was_trained_is_not_trained_again(study):
     }
     assert len(checkpoints) == 2 * (len(SMALL.curricula()) + 1)
     trained = zoo.fuse(SMALL, out, evaluate.fly)
-    again, _ = scenarios.fly_all(trained, evaluate.fly, console.track)
-    assert again["rows"] == results["rows"]
+    dogs = {name: seeds[0] for name, seeds in trained.dogs.items()}
+    name, flight = next(iter(scenarios.flights(dogs).items()))
+    first, random, _ = scenarios.fly_one(flight, evaluate.fly)
+    again = scenarios.row(name, flight, {name: first}, {name: random})
+    assert again["ours"] == results["rows"][name]["ours"]
     assert {path: path.stat().st_mtime_ns for path in checkpoints} == checkpoints
 
 
@@ -59,8 +64,11 @@ def test_the_zoo_is_what_the_study_wrote(study):
         assert card["name"] == name
         assert card["command"] == "skydog reproduce --seeds 1 --episodes 20"
         assert card["seed"] == 0
-        assert card["results"][f"{name} steps"] == results["rows"][name]["ours"]["steps"]["mean"]
-        assert float(dog.arena) == float(name[-1])
+        row = (results["rows"] | results["others"])[scenarios.row_of(name)]
+        assert card["results"][f"{name} steps"] == row["ours"]["steps"]["mean"]
+        assert f"{dog.arena:g}x{dog.arena:g}" in name
+        assert dog.frame == ("paper" if name.endswith(scenarios.PAPER_FRAME) else "folded")
+        assert (card["taught_for"]["goals"] == "anywhere") == (dog.frame == "folded")
 
 
 def test_learning_curves_survive_their_table(tmp_path):

@@ -6,19 +6,24 @@ from studies import assert_whole
 from skydog.commands import reproduce
 from skydog.commands.zoo import Plan
 from skydog.shepherds import store
-from skydog.study import evaluate, transfer
+from skydog.study import evaluate, robustness, transfer
 from skydog.study.reproduction import SCALED
 
 
 @pytest.fixture(scope="module")
 def from_zoo(tmp_path_factory):
     out = tmp_path_factory.mktemp("zoo")
-    return out, reproduce.run(out, Plan(), True, "skydog reproduce --from-zoo", evaluate.fly)
+    with pytest.MonkeyPatch.context() as patch:
+        # A tenth of the missions: the whole is `skydog reproduce --from-zoo`.
+        patch.setattr(robustness, "MISSIONS", 100)
+        patch.setattr(robustness, "MISSIONS_ANYWHERE", 200)
+        return out, reproduce.run(out, Plan(), True, "skydog reproduce --from-zoo", evaluate.fly)
 
 
 def test_the_sheepdogs_that_ship_are_flown_without_training(from_zoo):
     assert_whole(*from_zoo)
-    assert store.ships() == ["dhrl-4x4", "dhrl-6x6", "h-ddpg-4x4", "h-ddpg-6x6"]
+    kinds = ["dhrl-4x4", "dhrl-6x6", "h-ddpg-4x4", "h-ddpg-6x6"]
+    assert store.ships() == [name + frame for name in kinds for frame in ("", "-paper-frame")]
 
 
 @pytest.mark.parametrize(
@@ -59,3 +64,37 @@ def test_the_sheepdog_of_four_metres_herds_from_three_to_twenty(from_zoo):
     assert line.keys() == {f"{arena:g}" for arena in transfer.ARENAS}
     assert all(row["success"] >= 29 / 30 for row in line.values())
     assert line["6"]["success"] == 1.0
+
+
+GOALS = robustness.GOALS
+
+
+@pytest.mark.parametrize("flown", ["H-DDPG-4x4, 4 m", "H-DDPG-4x4, 6 m", "H-DDPG-6x6, 6 m"])
+def test_a_sheepdog_herds_to_every_goal_and_as_fast_to_every_corner(from_zoo, flown):
+    row = from_zoo[1]["robustness"]["goals"][flown]
+    assert row.keys() == GOALS.keys()
+    assert sum(cell["failed"] for cell in row.values()) <= 1
+    corners = [cell["steps"]["mean"] for goal, cell in row.items() if goal.startswith("corner")]
+    assert max(corners) < 1.1 * min(corners)  # 100 missions each: two standard errors are 0.06
+
+
+def test_in_the_papers_frame_a_sheepdog_herds_to_the_corner_of_its_lessons_alone(from_zoo):
+    row = from_zoo[1]["robustness"]["goals"]["H-DDPG-4x4-paper-frame, 4 m"]
+    assert row["corner 0,0"]["success"] == 1.0
+    assert row["corner L,L"]["success"] < 0.2
+
+
+def test_sheep_are_collected_from_anywhere_if_the_stray_at_hand_is_taken(from_zoo):
+    starts = from_zoo[1]["robustness"]["starts"]
+    ours = starts["H-DDPG-4x4, stray at hand"]
+    assert all(cell["failed"] == 0 for cell in ours.values())
+    furthest = starts["H-DDPG-4x4, furthest stray"]["three corners, 9 m"]
+    assert furthest["steps"]["mean"] > 1.3 * ours["three corners, 9 m"]["steps"]["mean"]
+
+
+def test_flocks_of_every_size_and_noise_are_herded(from_zoo):
+    results = from_zoo[1]["robustness"]
+    for table in ("flocks", "noise"):
+        for name, row in results[table].items():
+            if name.startswith("H-DDPG"):
+                assert all(cell["failed"] <= 1 for cell in row.values())
