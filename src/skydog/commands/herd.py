@@ -66,7 +66,7 @@ def herd(
     results = run(out, curriculum, seed, cases, resume, command, evaluate.fly)
     if results is None:
         return STOPPED
-    console.show(results, as_json)
+    console.show(results, as_json, curriculum.with_papers_goal)
     return 0
 
 
@@ -97,6 +97,7 @@ def run(
 
     world = presets.furthest_first(curriculum.world())  # as in the paper
     starts = cases(world, count, "paper", sheep=curriculum.sheep)
+    as_paper = curriculum.with_papers_goal
     # A finished run is replaced, as by any other make; one that was interrupted is work to lose.
     if not resume and not (out / "results.json").exists():
         training.refuse_to_overwrite([out])
@@ -117,7 +118,7 @@ def run(
     card = training.card(curriculum, seed, command, {ours: results[ours]})
     store.save(out / store.FILE, sheepdog, card)
     report.write(out, results)
-    files.write_text(out / "results.md", report.markdown(report.rows(results)))
+    files.write_text(out / "results.md", report.markdown(report.rows(results, as_paper)))
 
     console.say("Drawing the figures and the report ...")
     shown_case = min(SHOWN_CASE, count)
@@ -129,7 +130,7 @@ def run(
     figures.save(curves, out / "learning_curves")
     figures.save(paths, out / "trajectories")
     page = report.report(
-        rows=report.rows(results),
+        rows=report.rows(results, as_paper),
         figures={
             "Learning curves: reward per action in every 10 episodes": figures.svg(curves),
             f"Case {shown_case}, flown by each shepherd": figures.svg(paths),

@@ -97,8 +97,8 @@ def train(
     results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)
     if results is None:
         return STOPPED
-    own_goal = goal is goal_radius is None
-    console.show(results, as_json, as_paper=own_goal and (preset, world) == ("paper", None))
+    as_paper = curriculum.with_papers_goal and (preset, world) == ("paper", None)
+    console.show(results, as_json, as_paper)
     return 0
 
 

@@ -70,6 +70,11 @@ class Curriculum:
         return config if self.frame == "paper" else replace(config, discount=DISCOUNT)
 
     @property
+    def with_papers_goal(self) -> bool:
+        """Whether the goal is the preset's own."""
+        return self.goal is None and self.goal_radius is None
+
+    @property
     def dog(self) -> str:
         """What the sheepdog is called that comes of it, as the paper does: H-DDPG-4x4."""
         from skydog.world import loading
