@@ -25,13 +25,19 @@ from skydog.world import herding, mission, params
 from skydog.world.params import World
 from skydog.world.state import State
 from skydog.world.trace import Trace
-from skydog.world.vectors import norm, unit
+from skydog.world.vectors import Scalar, norm, unit
 
 BLOCK = 32  # steps: ways have a multiple of it as room, so that few lengths are compiled
 DECIMALS = 3  # of a velocity in m/s, so that a file holds the plan that was flown
 
+Flight = Float[Array, "_ dogs 2"] | Float[np.ndarray, "_ dogs 2"]
+"""The velocities of dogs in m/s, step by step."""
+
 Way = Float[Array, "room dogs 2"]
 """Where each dog is to be after each step, in metres from the flock's centre before it."""
+
+
+Count = int | Int[Array, ""]
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,7 @@ class Plan(eqx.Module):
 def plan(
     world: World,
     state: State,
-    flights: Sequence[Float[Array, "_ dogs 2"]],
+    flights: Sequence[Flight],
     key: PRNGKeyArray,
     config: Config = Config(),
 ) -> Plan:
@@ -85,8 +91,7 @@ def plan(
         return best
     world = params.traced(world)
     room = -(-best.steps // BLOCK) * BLOCK
-    fixed = dict(candidates=config.candidates, iterations=config.iterations)
-    numbers = params.traced({k: float(v) for k, v in vars(config).items() if k not in fixed})
+    numbers = {name: jnp.float32(value) for name, value in vars(config).items()}
 
     def horizon() -> int:
         """The last step at which an accomplished mission would be an improvement."""
@@ -99,7 +104,9 @@ def plan(
         """A round: the way at its end. The shortest mission is kept."""
         nonlocal best
         fresh = jax.random.fold_in(key, number)
-        way, winner, found = _round(world, state, ways, horizon(), fresh, numbers, **fixed)
+        way, winner, found = _round(
+            world, state, ways, horizon(), fresh, numbers, config.candidates
+        )
         if found:
             velocity = _velocity(world, state, winner)[: horizon()]
             best = min(best, flown(world, state, velocity, config.margin), key=_rank)
@@ -122,9 +129,7 @@ def plan(
     return best
 
 
-def flown(
-    world: World, state: State, velocity: Float[Array, "_ dogs 2"], margin: float = 0.0
-) -> Plan:
+def flown(world: World, state: State, velocity: Flight, margin: float = 0.0) -> Plan:
     """Velocities in m/s as a plan: rounded, and cut where the mission is accomplished.
 
     It counts as accomplished only if it also is with every sheep `margin` metres further out.
@@ -188,7 +193,7 @@ def _fitted(velocity: Float[Array, "_ dogs 2"], room: int) -> Float[Array, "room
     return velocity[jnp.minimum(jnp.arange(room), len(velocity) - 1)]
 
 
-def _surely(world: World, state: State, margin: Float[Array, ""] | float) -> Bool[Array, ""]:
+def _surely(world: World, state: State, margin: Scalar) -> Bool[Array, ""]:
     """Whether the mission is accomplished, and would be with every sheep a little further out."""
     from_goal = unit(state.sheep - herding.goal(world.arena))
     from_centre = unit(state.sheep - herding.gcm(state.sheep))
@@ -200,7 +205,7 @@ def _surely(world: World, state: State, margin: Float[Array, ""] | float) -> Boo
 
 @jax.jit
 def _done(
-    world: World, state: State, velocity: Float[Array, "room dogs 2"], margin: float
+    world: World, state: State, velocity: Float[Array, "room dogs 2"], margin: Scalar
 ) -> Bool[Array, " instants"]:
     """Whether the mission is accomplished at each instant."""
 
@@ -245,7 +250,7 @@ def _costs(
     state: State,
     ways: Float[Array, "room ways dogs 2"],
     horizon: Int[Array, ""],
-    margin: Float[Array, ""] | float,
+    margin: Scalar,
 ) -> Float[Array, " ways"]:
     """What each way costs: its shortfall in metres at the horizon, if it is not accomplished.
 
@@ -270,7 +275,7 @@ def _costs(
 
 
 @jax.jit
-def _cost(world: World, state: State, way: Way, horizon: int, margin: float) -> Float[Array, ""]:
+def _cost(world: World, state: State, way: Way, horizon: Count, margin: Scalar) -> Float[Array, ""]:
     return _costs(world, state, way[:, None], jnp.asarray(horizon), margin)[0]
 
 
@@ -287,18 +292,15 @@ def _bumps(
 
 @partial(jax.jit, static_argnames="count")
 def _kicked(
-    way: Way, horizon: int, key: PRNGKeyArray, kick: float, count: int
+    way: Way, horizon: Count, key: PRNGKeyArray, kick: Scalar, count: int
 ) -> Float[Array, "room count dogs 2"]:
     """Variations of a way that are large enough to lead to another local optimum."""
     room, dogs, _ = way.shape
-    ways = jnp.repeat(way[:, None], count, axis=1)
-    for each in jax.random.split(key, 3):
-        when, how_long, what = jax.random.split(each, 3)
-        centre = horizon * jax.random.uniform(when, (count,))
-        width = 3.0 * 10.0 ** jax.random.uniform(how_long, (count,))
-        size = kick * jax.random.normal(what, (count, dogs, 2))
-        ways = ways + _bumps(room, centre, width, size)
-    return ways
+    for_times, for_size = jax.random.split(key)
+    times = jax.random.uniform(for_times, (2, 3 * count))
+    size = kick * jax.random.normal(for_size, (3 * count, dogs, 2))
+    bumps = _bumps(room, horizon * times[0], 3.0 * 10.0 ** times[1], size)
+    return way[:, None] + jnp.sum(bumps.reshape(room, 3, count, dogs, 2), axis=1)
 
 
 def _children(
@@ -325,44 +327,42 @@ def _children(
     return ways[source, parents] + _bumps(room, u[8] * horizon, width, size)
 
 
-@partial(jax.jit, static_argnames=("candidates", "iterations"))
+@partial(jax.jit, static_argnames="candidates")
 def _round(
     world: World,
     state: State,
     ways: Float[Array, "room kept dogs 2"],
-    horizon: int,
+    horizon: Count,
     key: PRNGKeyArray,
     numbers: dict[str, Float[Array, ""]],
     candidates: int,
-    iterations: int,
 ) -> tuple[Way, Way, Bool[Array, ""]]:
     """A local optimum near some ways, the way that was accomplished the earliest, whether any was.
 
     Whenever a mission is accomplished by the horizon, the horizon moves to the step before.
     """
 
-    def costs(ways, horizon):
-        return _costs(world, state, ways, horizon, numbers["margin"])
-
     def ordered(ways, cost, count):
         lowest, which = jax.lax.top_k(-cost, count)
         return ways[:, which], -lowest
 
+    def sorted_anew(ways, horizon):
+        return ordered(ways, _costs(world, state, ways, horizon, numbers["margin"]), kept)
+
     def iterate(number, carry):
-        ways, cost, horizon, winner, found = carry
+        ways, cost, horizon, winner, moved = carry
+        ways, cost = jax.lax.cond(moved, lambda: sorted_anew(ways, horizon), lambda: (ways, cost))
         children = _children(ways, horizon, jax.random.fold_in(key, number), numbers, candidates)
+        costs = _costs(world, state, children, horizon, numbers["margin"])
         both = jnp.concatenate([ways, children], axis=1)
-        ways, cost = ordered(both, jnp.append(cost, costs(children, horizon)), len(cost))
+        ways, cost = ordered(both, jnp.append(cost, costs), kept)
         earlier = cost[0] < 0.0
         winner = jnp.where(earlier, ways[:, 0], winner)
         horizon = jnp.where(earlier, horizon + cost[0].astype(int), horizon)
-        ways, cost = jax.lax.cond(
-            earlier, lambda: ordered(ways, costs(ways, horizon), len(cost)), lambda: (ways, cost)
-        )
-        return ways, cost, horizon, winner, found | earlier
+        return ways, cost, horizon, winner, earlier
 
-    begin = jnp.asarray(horizon)
-    ways, cost = ordered(ways, costs(ways, begin), ways.shape[1])
-    carry = ways, cost, begin, ways[:, 0], jnp.asarray(False)
-    ways, _, _, winner, found = jax.lax.fori_loop(0, iterations, iterate, carry)
-    return ways[:, 0], winner, found
+    kept, begin = ways.shape[1], jnp.asarray(horizon)
+    carry = ways, jnp.full(kept, jnp.inf), begin, ways[:, 0], jnp.asarray(True)
+    iterations = numbers["iterations"].astype(int)
+    ways, _, last, winner, _ = jax.lax.fori_loop(0, iterations, iterate, carry)
+    return ways[:, 0], winner, last < begin
