@@ -10,6 +10,7 @@ import argparse
 import time
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +25,7 @@ from skydog.world.state import State
 
 DOGS = ("h-ddpg-4x4", "h-ddpg-6x6", "dhrl-4x4", "dhrl-6x6")
 COUNTS = {"paper": 30, "random": 200}
+LONGEST = 512  # steps of a plan
 SEEDS = 4  # searches before a case is given up, if rounding decides each plan
 
 
@@ -86,16 +88,21 @@ def search(
 
 def steps_in_float64(world: World, state: State, velocity: jax.Array) -> int | None:
     """The step in which a plan is accomplished, if numbers have 16 digits; None if never."""
+    digits = np.zeros((LONGEST, *velocity.shape[1:]))
+    digits[: len(velocity)] = np.round(np.asarray(velocity, np.float64), planner.DECIMALS)
+    with jax.enable_x64(True):
+        exact = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), jnp.float64), state)
+        done = np.asarray(accomplished(world, exact, jnp.asarray(digits)))[: len(velocity)]
+    return int(np.argmax(done)) + 1 if done.any() else None
 
+
+@eqx.filter_jit
+def accomplished(world: World, state: State, velocity: jax.Array) -> jax.Array:
     def step(state, velocity):
         after = mission.step(world, state, velocity)
         return after, mission.accomplished(world, after)
 
-    digits = np.round(np.asarray(velocity, np.float64), planner.DECIMALS)
-    with jax.enable_x64(True):
-        exact = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf), jnp.float64), state)
-        done = np.asarray(jax.lax.scan(step, exact, jnp.asarray(digits))[1])
-    return int(np.argmax(done)) + 1 if done.any() else None
+    return jax.lax.scan(step, state, velocity)[1]
 
 
 def report(name: str, steps: np.ndarray, flights: list[list[np.ndarray]]) -> None:

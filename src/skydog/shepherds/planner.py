@@ -86,7 +86,9 @@ def plan(
     """
     if not flights:
         raise Refusal("a plan is searched for from one flight or more, got none")
-    best = min((flown(world, state, flight) for flight in flights), key=_rank)
+    # As it was flown, if rounding would make it longer.
+    exact = [flown(world, state, flight, decimals=None) for flight in flights]
+    best = min([*(flown(world, state, flight) for flight in flights), *exact], key=_rank)
     if best.steps <= 1:
         return best
     world = params.traced(world)
@@ -129,11 +131,18 @@ def plan(
     return best
 
 
-def flown(world: World, state: State, velocity: Flight, margin: float = 0.0) -> Plan:
-    """Velocities in m/s as a plan: rounded, and cut where the mission is accomplished.
+def flown(
+    world: World,
+    state: State,
+    velocity: Flight,
+    margin: float = 0.0,
+    decimals: int | None = DECIMALS,
+) -> Plan:
+    """Velocities in m/s as a plan, cut where the mission is accomplished.
 
-    It counts as accomplished only if it also is with every sheep `margin` metres further out.
-    Raises `Refusal` for velocities of another number of dogs.
+    They are rounded to so many decimals, towards zero; None leaves them as they are. The mission
+    counts as accomplished only if it also is with every sheep `margin` metres further out. Raises
+    `Refusal` for velocities of another number of dogs.
     """
     if jnp.ndim(velocity) != 3 or jnp.shape(velocity)[1:] != jnp.shape(state.dogs):
         raise Refusal(
@@ -141,7 +150,11 @@ def flown(world: World, state: State, velocity: Flight, margin: float = 0.0) -> 
             f"got {jnp.shape(velocity)}"
         )
     given = len(velocity)
-    rounded = np.round(np.asarray(velocity, np.float64), DECIMALS).astype(np.float32)
+    rounded = np.asarray(velocity, np.float64)
+    if decimals is not None:
+        # To a thousandth of the last decimal first: 0.123 in float32 is not to become 0.122.
+        rounded = np.trunc(np.round(rounded * 10**decimals, 3)) / 10**decimals
+    rounded = rounded.astype(np.float32)
     room = -(-max(given, 1) // BLOCK) * BLOCK
     padded = jnp.zeros((room, *state.dogs.shape)).at[:given].set(rounded)
     done = np.asarray(_done(params.traced(world), state, padded, margin))[: given + 1]
