@@ -77,6 +77,12 @@ def test_a_flight_that_fails_leads_to_a_plan_that_does_not():
     assert found.steps <= len(HOVER)
 
 
+def test_of_flights_that_fail_the_longest_leaves_the_most_room():
+    frozen = replace(QUICK, iterations=0, rounds=0)
+    found = planner.plan(WORLD, BESIDE, [HOVER, HOVER[:5], HOVER[:0]], jax.random.key(0), frozen)
+    assert (found.accomplished, found.steps) == (False, len(HOVER))
+
+
 def test_the_same_key_gives_the_same_plan(planned):
     again = planner.plan(WORLD, BESIDE, [RULE], jax.random.key(0), QUICK)
     assert np.array_equal(again.velocity, planned.velocity)
@@ -107,6 +113,14 @@ def test_a_mission_that_ends_before_its_velocities_do_is_cut_there():
     assert planner.flown(WORLD, BESIDE, longer).steps == len(RULE)
 
 
+def test_velocities_are_rounded_towards_zero_and_rounded_ones_stay_as_they_are():
+    odd = np.array([[[0.9996, -0.9996]], [[0.123, -0.123]]])
+    rounded = planner.flown(WORLD, BESIDE, odd).velocity
+    expected = np.array([[[0.999, -0.999]], [[0.123, -0.123]]], np.float32)
+    assert np.array_equal(rounded, expected)
+    assert np.array_equal(planner.flown(WORLD, BESIDE, rounded).velocity, expected)
+
+
 def test_a_margin_asks_for_more_than_to_arrive():
     here = start(jnp.array([[2.05, 0.0]]), jnp.array([[2.5, 0.0]]))  # 2 m after one step, and no
     stands = np.zeros((1, 1, 2))
@@ -122,8 +136,12 @@ def test_a_flock_at_home_needs_no_steps():
 
 @pytest.mark.parametrize(
     ("flights", "says"),
-    [([], "one flight or more"), ([np.zeros((9, 2, 2))], r"\(steps, 1, 2\), got \(9, 2, 2\)")],
+    [
+        ([], "one flight or more"),
+        ([np.zeros((9, 2, 2))], r"\(steps, 1, 2\), got \(9, 2, 2\)"),
+        ([np.full((9, 1, 2), np.nan)], "not finite"),
+    ],
 )
-def test_flights_of_nobody_or_of_other_dogs_are_refused(flights, says):
+def test_flights_of_nobody_of_other_dogs_or_of_no_numbers_are_refused(flights, says):
     with pytest.raises(Refusal, match=says):
         planner.plan(WORLD, BESIDE, flights, jax.random.key(0), QUICK)

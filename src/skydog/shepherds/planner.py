@@ -36,8 +36,8 @@ Flight = Float[Array, "_ dogs 2"] | Float[np.ndarray, "_ dogs 2"]
 Way = Float[Array, "room dogs 2"]
 """Where each dog is to be after each step, in metres from the flock's centre before it."""
 
-
 Count = int | Int[Array, ""]
+"""A number of steps, traced or not."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def plan(
 
     `flights` are the velocities in m/s of one or more missions from the same start, step by
     step, such as a trace's `command`; the more they differ, the more is found. The same key gives
-    the same plan on the same processor. Raises `Refusal` without a flight, or for one of another
-    number of dogs.
+    the same plan on the same processor. Raises `Refusal` without a flight, for one of another
+    number of dogs, and for one that holds what is no number.
     """
     if not flights:
         raise Refusal("a plan is searched for from one flight or more, got none")
@@ -115,7 +115,7 @@ def plan(
         return way
 
     chains = []
-    for number, flight in enumerate(flights):
+    for number, flight in enumerate(flight for flight in flights if len(flight)):
         way = _way(world, state, _fitted(jnp.asarray(flight), room))
         chains.append(improved(jnp.repeat(way[:, None], config.kept, axis=1), number))
     for turn in range(config.rounds):
@@ -142,13 +142,15 @@ def flown(
 
     They are rounded to so many decimals, towards zero; None leaves them as they are. The mission
     counts as accomplished only if it also is with every sheep `margin` metres further out. Raises
-    `Refusal` for velocities of another number of dogs.
+    `Refusal` for velocities of another number of dogs, or that are not finite.
     """
     if jnp.ndim(velocity) != 3 or jnp.shape(velocity)[1:] != jnp.shape(state.dogs):
         raise Refusal(
             f"a flight has the shape (steps, dogs, 2), here (steps, {len(state.dogs)}, 2), "
             f"got {jnp.shape(velocity)}"
         )
+    if not np.all(np.isfinite(velocity)):
+        raise Refusal("a flight holds a velocity that is not finite; give numbers in m/s")
     given = len(velocity)
     rounded = np.asarray(velocity, np.float64)
     if decimals is not None:
@@ -198,7 +200,8 @@ def shortfall(world: World, state: State) -> Float[Array, ""]:
 
 
 def _rank(plan: Plan) -> tuple[bool, int]:
-    return not plan.accomplished, plan.steps
+    # Of missions that fail the longest leaves the most room for one that does not.
+    return not plan.accomplished, plan.steps if plan.accomplished else -plan.steps
 
 
 def _fitted(velocity: Float[Array, "_ dogs 2"], room: int) -> Float[Array, "room dogs 2"]:
