@@ -26,7 +26,6 @@ from skydog.world.state import State
 DOGS = ("h-ddpg-4x4", "h-ddpg-6x6", "dhrl-4x4", "dhrl-6x6")
 COUNTS = {"paper": 30, "random": 200}
 LONGEST = 512  # steps of a plan
-SEEDS = 4  # searches before a case is given up, if rounding decides each plan
 
 
 def main() -> None:
@@ -77,13 +76,15 @@ def flown(world: World, drawn: State) -> list[list[np.ndarray]]:
 def search(
     world: World, state: State, flights: list[np.ndarray], key: jax.Array, config: planner.Config
 ) -> planner.Plan:
-    """The best plan that rounding does not decide; the best flight, if there is none."""
-    for seed in range(SEEDS):
-        plan = planner.plan(world, state, flights, jax.random.fold_in(key, seed), config)
-        if steps_in_float64(world, state, plan.velocity) == plan.steps:
-            return plan
-        print(f"    rounding decides a plan of {plan.steps} steps: searched for another")
-    return planner.flown(world, state, min(flights, key=len))
+    """The best plan that rounding does not decide."""
+
+    def same_in_float64(plan: planner.Plan) -> bool:
+        return steps_in_float64(world, state, plan.velocity) == plan.steps
+
+    plan = planner.plan(world, state, flights, key, config, same_in_float64)
+    if not same_in_float64(plan):
+        print(f"    rounding decides the best flight, of {plan.steps} steps: give another --seed")
+    return plan
 
 
 def steps_in_float64(world: World, state: State, velocity: jax.Array) -> int | None:

@@ -83,6 +83,13 @@ def test_of_flights_that_fail_the_longest_leaves_the_most_room():
     assert (found.accomplished, found.steps) == (False, len(HOVER))
 
 
+def test_a_plan_that_is_not_accepted_is_not_kept(planned):
+    found = planner.plan(
+        WORLD, BESIDE, [RULE], jax.random.key(0), QUICK, lambda plan: plan.steps > planned.steps + 1
+    )
+    assert planned.steps + 1 < found.steps <= len(RULE)
+
+
 def test_the_same_key_gives_the_same_plan(planned):
     again = planner.plan(WORLD, BESIDE, [RULE], jax.random.key(0), QUICK)
     assert np.array_equal(again.velocity, planned.velocity)

@@ -86,9 +86,10 @@ def test_a_damaged_table_is_refused_with_its_line(old, new, says):
         best.read(TABLE.replace(old, new, 1), "p.csv")
 
 
-def test_an_empty_file_holds_no_plans():
-    with pytest.raises(Refusal, match="holds no plans"):
-        best.read("", "p.csv")
+@pytest.mark.parametrize("text", ["", "\n", TABLE + 'x"' * 100_000, "\0"])
+def test_a_file_of_something_else_holds_no_plans(text):
+    with pytest.raises(Refusal):
+        best.read(text, "p.csv")
 
 
 def test_times_best_is_the_mean_of_the_ratios_and_not_the_ratio_of_the_means():

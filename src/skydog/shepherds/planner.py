@@ -10,7 +10,7 @@ flock reacts to a dog that flies a little differently much as before; if velocit
 were varied, a small variation would change everything after it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -76,11 +76,13 @@ def plan(
     flights: Sequence[Flight],
     key: PRNGKeyArray,
     config: Config = Config(),
+    accept: Callable[[Plan], bool] = lambda _: True,
 ) -> Plan:
     """The shortest mission from a start that was found: never longer than the best flight.
 
     `flights` are the velocities in m/s of one or more missions from the same start, step by
-    step, such as a trace's `command`; the more they differ, the more is found. The same key gives
+    step, such as a trace's `command`; the more they differ, the more is found. A plan that is
+    found is kept only if `accept` says so: it may replay it in another way. The same key gives
     the same plan on the same processor. Raises `Refusal` without a flight, for one of another
     number of dogs, and for one that holds what is no number.
     """
@@ -111,7 +113,9 @@ def plan(
         )
         if found:
             velocity = _velocity(world, state, winner)[: horizon()]
-            best = min(best, flown(world, state, velocity, config.margin), key=_rank)
+            shorter = flown(world, state, velocity, config.margin)
+            if _rank(shorter) < _rank(best) and accept(shorter):
+                best = shorter
         return way
 
     chains = []

@@ -89,7 +89,10 @@ def as_table(found: list[Float[np.ndarray, "_ 2"]]) -> str:
 
 def read(text: str, name: str) -> list[Float[np.ndarray, "_ 2"]]:
     """What `as_table` wrote. Raises `Refusal`, with `name` and the line, for anything else."""
-    lines = list(csv.reader(text.splitlines()))
+    try:
+        lines = list(csv.reader(text.splitlines()))
+    except csv.Error as problem:
+        raise Refusal(f"{name} holds no plans: {problem}; make plans anew") from None
     if not lines or lines[0][:2] != ["case", "steps"]:
         raise Refusal(f"{name} holds no plans: its first line is not case,steps,x1,y1,...")
     return [_row(row, case, f"{name}, line {case + 1},") for case, row in enumerate(lines[1:], 1)]
