@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test lint format docs peers wheel bench reproduce zoo lock clean
+.PHONY: help herd test lint format docs peers wheel bench plans reproduce zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -35,6 +35,10 @@ wheel: $(VENV)/dev.stamp  ## Install the wheel into an empty environment, and us
 bench: $(VENV)/dev.stamp $(VENV)-peers/stamp  ## Compare with SB3, SBX and VMAS: docs/benchmarks.md
 	$(BIN)/python benchmarks/bench.py --out docs/benchmarks.md
 	$(BIN)/python benchmarks/scaling.py --out docs/scaling.md
+
+plans: $(VENV)/run.stamp  ## Search anew for the best-known plans; continues where it was interrupted
+	$(BIN)/python benchmarks/plans.py --out runs/plans $(ARGS)
+	cp runs/plans/plans-*.csv src/skydog/study/data
 
 reproduce: $(VENV)/run.stamp  ## Regenerate the paper's simulation study, and docs/reproduces.md
 	$(BIN)/skydog reproduce $(ARGS)
