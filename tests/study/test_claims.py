@@ -89,3 +89,31 @@ def test_learning_is_judged_by_the_end_of_its_curves():
     assert "0.090" in both.found
     nothing = (np.zeros(0), np.zeros(0))
     assert claims.learnt({"drive": [nothing]}) == []
+
+
+def goals(worst: float, name: str = "H-DDPG-4x4"):
+    cell = {"cases": 1000, "steps": {"mean": 90.0}}
+    cells = {
+        "corner 0,0": {**cell, "success": 1.0, "failed": 0},
+        "centre": {**cell, "success": worst, "failed": round(1000 * (1 - worst))},
+    }
+    return {f"{name}, 4 m": cells}
+
+
+@pytest.mark.parametrize(
+    ("rows", "verdict"),
+    [
+        (goals(0.999), "reproduced"),
+        (goals(0.998), "not reproduced"),
+        (goals(0.99, "DHRL-4x4"), "reproduced"),
+        (goals(0.98, "DHRL-4x4"), "not reproduced"),
+        (goals(1.0) | goals(0.1, "H-DDPG-4x4-paper-frame"), "reproduced"),
+        (goals(1.0) | goals(0.1, "Strombom"), "reproduced"),
+    ],
+)
+def test_a_sheepdog_herds_to_any_goal_if_it_does_to_the_worst(rows, verdict):
+    (found,) = claims.any_goal(rows)
+    assert found.verdict == verdict
+    assert "to the corners" in found.found
+    if verdict == "not reproduced":
+        assert "(centre)" in found.found
