@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skydog.learning import lessons
-from skydog.learning.lessons import Episode, Lesson
+from skydog.learning.lessons import Draws, Episode, Lesson
 from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world import herding, mission
@@ -118,16 +118,28 @@ def test_a_flock_to_collect_starts_scattered_most_of_the_time(world):
 def test_a_share_of_the_lessons_has_its_goal_anywhere_and_the_others_where_the_world_has_it(skill):
     world = preset("paper", 4.0, goal=(1.0, 3.0))
     for share in (0.0, 0.5):
-        goals = np.asarray(starts(Lesson(world, skill, anywhere=share)).goal)
+        goals = np.asarray(starts(Lesson(world, skill, draws=Draws(anywhere=share))).goal)
         own = np.all(goals == [0.25, 0.75], axis=1)
         assert abs(np.mean(~own) - share) < 0.1
         assert np.all((goals >= 0.0) & (goals <= 1.0))
     assert np.ptp(goals, axis=0).min() > 0.95
 
 
+def test_flocks_to_drive_start_nearer_to_the_rim_the_smaller_the_power():
+    spread = {
+        power: np.median(
+            spread_of(np.asarray(starts(Lesson(WORLD, "drive", draws=Draws(power))).state.sheep))
+        )
+        for power in (1.0, 0.5, 0.25)
+    }
+    assert spread[1.0] < spread[0.5] < spread[0.25] <= 1.3
+
+
 def test_a_share_of_the_flocks_to_collect_starts_anywhere():
     far = {
-        share: spread_of(np.asarray(starts(Lesson(WORLD, "collect", anywhere=share)).state.sheep))
+        share: spread_of(
+            np.asarray(starts(Lesson(WORLD, "collect", draws=Draws(anywhere=share))).state.sheep)
+        )
         for share in (0.0, 1.0)
     }
     drawn = 4.0 * np.random.default_rng(0).uniform(size=(STARTS, 3, 2))
@@ -160,7 +172,7 @@ def test_a_lesson_shows_and_flies_what_a_sheepdog_does_in_an_arena_of_its_scale(
     skill, arena, frame, shown
 ):
     xi = 4.0 / arena
-    lesson = Lesson(WORLD, skill, scales=(xi, xi), frame=frame, anywhere=0.5)
+    lesson = Lesson(WORLD, skill, scales=(xi, xi), frame=frame, draws=Draws(anywhere=0.5))
     actor = Actor(4, 2, (3,), jax.random.key(0))
     sheepdog = Sheepdog(actor, actor, 4.0, frame)
     compared = 0

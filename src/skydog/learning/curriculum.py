@@ -54,7 +54,7 @@ class Curriculum:
             stretches=self.learner == "ddpg",
             scales=self.scales,
             frame=self.frame,
-            anywhere=lessons.ANYWHERE if self.frame == "folded" else 0.0,
+            draws=lessons.AS_IN_MISSIONS if self.frame == "folded" else lessons.EVEN,
         )
 
     @property

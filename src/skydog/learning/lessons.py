@@ -4,6 +4,7 @@ Paper, "A Hierarchical Framework of DDPGs".
 """
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar
 
 import equinox as eqx
@@ -35,9 +36,6 @@ SCALES = (0.1, 1.4)
 # many sides of the arena. Ours.
 NEAREST_STRAY = 1.2
 FURTHEST_STRAY = 1.0
-# So large a share of the episodes is drawn anywhere: goals in the arena and, to collect, sheep.
-# Missions meet such, strays in corners and subgoals beyond the airspace among them.
-ANYWHERE = 0.25
 # The dog starts within so many metres of the flock, on each axis, in arenas of any size: about
 # as far as it flies in an episode.
 REACH = 4.8
@@ -52,6 +50,23 @@ NEARER = 0.9
 FLOCK_SHARE = 4.0
 DISTANCE_COST = 0.1
 FLIGHT_COST = 0.5
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How starts are drawn. A flock starts gathered, about a centre."""
+
+    # The distance of a sheep from the centre is f(N) times a uniform number to this power: 1/2
+    # fills the disc evenly, and a smaller one its rim.
+    power: float = 0.5
+    # The share of the episodes whose goal, and whose sheep to collect, are anywhere in the arena.
+    anywhere: float = 0.0
+
+
+EVEN = Draws()
+# What missions meet: flocks that have only just been gathered, strays against walls and in corners,
+# subgoals beyond the airspace, and every goal. Ours.
+AS_IN_MISSIONS = Draws(power=0.25, anywhere=0.25)
 
 
 class Episode(eqx.Module):
@@ -92,8 +107,7 @@ class Lesson(eqx.Module):
     stretches: bool = eqx.field(static=True, default=True)
     scales: tuple[float, float] = eqx.field(static=True, default=SCALES)
     frame: Frame = eqx.field(static=True, default="paper")
-    # The share of the episodes whose goal, and whose sheep to collect, are drawn anywhere.
-    anywhere: float = eqx.field(static=True, default=0.0)
+    draws: Draws = eqx.field(static=True, default=EVEN)
 
     observation: ClassVar[int] = len(sheepdog.OBSERVES)
     action: ClassVar[int] = len(sheepdog.COMMANDS)
@@ -114,7 +128,7 @@ class Lesson(eqx.Module):
         size = world.arena.size
         radius = herding.gathered_radius(self.world, self.sheep)
         centre = size * jax.random.uniform(for_centre, (2,), minval=0.15, maxval=0.9)
-        share = jnp.sqrt(jax.random.uniform(for_radius, (self.sheep,)))
+        share = self._distance(jax.random.uniform(for_radius, (self.sheep,)))
         if self.skill == "collect":
             least, most = NEAREST_STRAY * radius, FURTHEST_STRAY * size
             apart = jax.random.uniform(for_stray, minval=least, maxval=most) / radius
@@ -122,8 +136,8 @@ class Lesson(eqx.Module):
         angle = jax.random.uniform(for_angle, (self.sheep,), maxval=2 * jnp.pi)
         around = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
         sheep = jnp.clip(centre + radius * share[:, None] * around, 0.0, size)
-        if self.skill == "collect" and self.anywhere:
-            anywhere = jax.random.uniform(for_anywhere[1]) < self.anywhere
+        if self.skill == "collect" and self.draws.anywhere:
+            anywhere = jax.random.uniform(for_anywhere[1]) < self.draws.anywhere
             drawn = size * jax.random.uniform(for_anywhere[2], (self.sheep, 2))
             sheep = jnp.where(anywhere, drawn, sheep)
         dog = herding.gcm(sheep) + jax.random.uniform(for_dog, (1, 2), minval=-REACH, maxval=REACH)
@@ -190,20 +204,25 @@ class Lesson(eqx.Module):
     def world_at(self, scale: Float[Array, ""], goal: Float[Array, "2"]) -> World:
         """The world of an episode at a scale: its arena is 1/ξ times as long.
 
-        `goal` is in sides of the arena.
+        `goal` is in sides of the arena. The stray is the furthest, whatever the world's gate: a
+        dog that could change it by where it flies would be paid for a subgoal that jumps nearer.
         """
         size = self.world.arena.size / scale
         return eqx.tree_at(
-            lambda w: (w.arena.size, w.arena.goal_x, w.arena.goal_y),
+            lambda w: (w.arena.size, w.arena.goal_x, w.arena.goal_y, w.dog.nearness),
             self.world,
-            (size, size * goal[0], size * goal[1]),
+            (size, size * goal[0], size * goal[1], 0.0),
         )
 
     def _goal(self, key: PRNGKeyArray) -> Float[Array, "2"]:
         """The goal of an episode, in sides of the arena: the world's own, or anywhere."""
         own = herding.goal(self.world.arena) / self.world.arena.size
         whether, x, y = jax.random.uniform(key, (3,))
-        return jnp.where(whether < self.anywhere, jnp.stack([x, y]), own)
+        return jnp.where(whether < self.draws.anywhere, jnp.stack([x, y]), own)
+
+    def _distance(self, drawn: Float[Array, " sheep"]) -> Float[Array, " sheep"]:
+        """How far sheep of a gathered flock start from its centre, in f(N)."""
+        return jnp.sqrt(drawn) if self.draws.power == 0.5 else drawn**self.draws.power
 
     def _observed(self, episode: Episode) -> Float[Array, "4"]:
         """What the dog sees in metres, in the world's axes."""
