@@ -12,7 +12,7 @@ from skydog.learning.lessons import Draws, Episode, Lesson
 from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world import herding, mission
-from skydog.world.presets import preset
+from skydog.world.presets import preset, with_nearness
 from skydog.world.state import start
 
 WORLD = preset("paper", 4.0)
@@ -212,6 +212,16 @@ def test_a_step_of_fixed_length_is_not_stretched():
     moved = {key: float(end.state.dogs[0, 0]) - FAR[1][0] for key, end in ends.items()}
     assert moved[False] == pytest.approx(0.05, abs=1e-5)
     assert moved[True] == pytest.approx(0.1 * np.tanh(0.5 / 0.2), abs=1e-5)
+
+
+def test_the_stray_of_a_lesson_is_the_furthest_whatever_the_gate_of_its_world():
+    episode = an_episode([[0.2, 0.2], [3.8, 3.6], [0.3, 3.5]], [0.6, 3.0])
+    sheep = np.asarray(episode.state.sheep, float)
+    centre, _, subgoal = by_hand(sheep, None, "collect", 1.0)
+    for nearness in (0.0, 1.0):
+        seen = Lesson(with_nearness(WORLD, nearness), "collect").observe(episode)
+        expected = np.concatenate([[0.6, 3.0] - centre, [0.6, 3.0] - subgoal])
+        np.testing.assert_allclose(seen, expected, atol=1e-5)
 
 
 # How it pays
