@@ -38,7 +38,8 @@ class Agreement:
 
 def lesson() -> Lesson:
     """The task of the benchmark: drive three sheep in the paper's arena of 4 m."""
-    return Lesson(presets.preset("paper", 4.0, 3), "drive", "progress", 3)
+    world = presets.preset("paper", 4.0, 3)
+    return Lesson(world, "drive", "progress", 3, frame="paper", draws=lessons.EVEN)
 
 
 def numbers(task: Lesson) -> dict[str, float]:

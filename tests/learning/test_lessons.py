@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from skydog.learning import lessons
-from skydog.learning.lessons import Draws, Episode, Lesson
+from skydog.learning.lessons import EVEN, Draws, Episode
 from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world import herding, mission
 from skydog.world.presets import preset, with_nearness
 from skydog.world.state import start
 
+# In the world's own axes, where no frame and no draw of ours is meant.
+Lesson = partial(lessons.Lesson, frame="paper", draws=EVEN)
 WORLD = preset("paper", 4.0)
 SIX = preset("paper", 6.0)
 SKILLS = ("collect", "drive")

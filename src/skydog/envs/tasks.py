@@ -113,7 +113,7 @@ class HerdTask(eqx.Module):
 
 
 class LessonTask(eqx.Module):
-    """A lesson, in the axes of the world: `skydog.learning.lessons.Lesson`."""
+    """A lesson (`skydog.learning.lessons.Lesson`) in the world's axes, with the world's goal."""
 
     lesson: Lesson
     dogs: int = eqx.field(static=True, default=1)
@@ -201,7 +201,7 @@ def make_task(
     if what == "herd":
         cases.check(where, sheep, dogs)
         return HerdTask(traced, sheep, dogs, where, params.noisy(chosen))
-    return LessonTask(Lesson(traced, what, pays, sheep))
+    return LessonTask(Lesson(traced, what, pays, sheep, frame="paper", draws=lessons.EVEN))
 
 
 def count(value: Any, what: str, most: int) -> int:

@@ -106,8 +106,8 @@ class Lesson(eqx.Module):
     # Whether 1/ξ stretches what the dog commands; a step of fixed length it cannot (DHRL).
     stretches: bool = eqx.field(static=True, default=True)
     scales: tuple[float, float] = eqx.field(static=True, default=SCALES)
-    frame: Frame = eqx.field(static=True, default="paper")
-    draws: Draws = eqx.field(static=True, default=EVEN)
+    frame: Frame = eqx.field(static=True, default="folded")
+    draws: Draws = eqx.field(static=True, default=AS_IN_MISSIONS)
 
     observation: ClassVar[int] = len(sheepdog.OBSERVES)
     action: ClassVar[int] = len(sheepdog.COMMANDS)
