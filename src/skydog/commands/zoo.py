@@ -18,12 +18,10 @@ from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import evaluate, transfer
 from skydog.study.cases import cases
-from skydog.study.options import Results
+from skydog.study.options import Results, Starts
 from skydog.study.scenarios import PAPER_FRAME, SIZES, Trained, row_of, shown_skills
 from skydog.world.mission import MAX_STEPS, Fly
-from skydog.world.params import World
 from skydog.world.presets import furthest_first, preset
-from skydog.world.state import State
 
 # The kinds of which several seeds are trained, and the arenas where one of them is chosen.
 CHOSEN_IN = {
@@ -101,30 +99,23 @@ def fuse(plan: Plan, out: Path, fly: Fly) -> Trained:
 def best(dogs: list[Sheepdog], arenas: tuple[float, ...], fly: Fly) -> int:
     """Which of several seeds flies for its kind, and ships.
 
-    All fly `CHOSEN_BY` cases drawn as the study's 30 are, and as many random starts, in each of
-    the arenas; those of the folded frame also start anywhere, with the stray at hand. They are
-    other draws: the study's own cases have no say. A mission that fails counts with all of its
-    1000 steps. The one is chosen that needs the fewest steps, in each of these sets as a multiple
-    of the least of any seed, so that every arena counts alike; of the paper's frame the one that
-    needs the fewest in all, as before there was another.
+    The one that needs the fewest steps, a mission that fails counting with all of its 1000, for
+    `CHOSEN_BY` cases drawn as the study's 30 are and for as many random starts, in each of the
+    arenas. They are other draws: the study's own cases have no say.
     """
-    folded = dogs[0].frame == "folded"
-    worlds = [preset("paper", arena) for arena in arenas]
-    sets = [
-        (furthest_first(world), cases(world, CHOSEN_BY, sort, CHOSEN_SEED))
-        for world in worlds
-        for sort in ("paper", "random")
+
+    def steps(dog: Sheepdog) -> float:
+        return sum(
+            float(evaluate.measure(fly(world, dog, starts, MAX_STEPS, None))["steps"].sum())
+            for world, starts in places
+        )
+
+    sorts: tuple[Starts, ...] = ("paper", "random")
+    worlds = [furthest_first(preset("paper", arena)) for arena in arenas]
+    places = [
+        (world, cases(world, CHOSEN_BY, sort, CHOSEN_SEED)) for world in worlds for sort in sorts
     ]
-    if folded:
-        sets += [(world, cases(world, CHOSEN_BY, "anywhere", CHOSEN_SEED)) for world in worlds]
-
-    def steps(dog: Sheepdog, world: World, starts: State) -> float:
-        return float(evaluate.measure(fly(world, dog, starts, MAX_STEPS, None))["steps"].mean())
-
-    needed = np.array([[steps(dog, *one) for one in sets] for dog in dogs])
-    if folded:
-        needed = needed / np.maximum(needed.min(axis=0), 1.0)
-    return int(np.argmin(needed.sum(axis=1)))
+    return int(np.argmin([steps(dog) for dog in dogs]))
 
 
 def read() -> Trained:

@@ -52,10 +52,8 @@ NOTES = (
     "too. So the verdicts tell whether its figures are within reach, not whether they are equal.",
     "Intervals are of 95 %: bootstrap (BCa) for means, Wilson's for shares of success.",
     "Of several seeds, the one that flies needs the fewest steps for 200 other cases drawn as the "
-    "30 are, 200 drawn as the random ones, and, in the folded frame, 200 with the sheep anywhere: "
-    "the 4 × 4 H-DDPG in all arenas of the transfer study, the others where the paper flies them. "
-    "Every set counts alike, by the steps as a multiple of the least of any seed; for the paper's "
-    "frame the sum of the steps counts. The study's own cases have no say in it.",
+    "30 are and 200 drawn as the random ones: the 4 × 4 H-DDPG in all arenas of the transfer "
+    "study, the others where the paper flies them. The study's own cases have no say in it.",
     "Sheepdogs see in the folded frame: the symmetries of the square turn every direction into one "
     "eighth of them, and a quarter of the lessons draw the goal, or the sheep to collect, "
     "anywhere. Rows of the paper's frame have the world's own axes and lessons with the goal at "
