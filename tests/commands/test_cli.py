@@ -135,6 +135,8 @@ def test_the_help_lists_every_command_and_does_not_import_jax():
         ("watch --goal 1", "'1'", "--goal 4,4"),
         ("watch --goal 9,9", "9,9", "--goal 4,4"),
         ("watch --goal-radius 0", "0.0", "--goal-radius 2"),
+        ("watch --goal-radius nan", "nan", "--goal-radius 2"),
+        ("watch --goal-radius 1000", "1000", "--goal-radius 2"),
         ("test strombom --world flocks.py", "'flocks.py'", "FILE.py:NAME"),
         ("test strombom --world none.py:world", "none.py", "check the path"),
         ("train --world none.py:world", "none.py", "check the path"),
@@ -371,16 +373,36 @@ def test_any_goal_and_starts_anywhere_are_flown_and_no_row_of_the_papers(skydog)
     assert "paper's own" not in skydog("test", "strombom", "--cases", "2", "--goal", "4,4")[1]
 
 
-def test_paper_starts_are_flown_with_the_papers_gate_and_others_with_the_stray_at_hand(
-    skydog, tmp_path
+@pytest.mark.parametrize(
+    ("asked", "nearness", "beside"),
+    [
+        ([], 0.0, True),
+        (["--goal", "0,0"], 0.0, True),
+        (["--nearness", "0"], 0.0, True),
+        (["--nearness", "1"], 1.0, False),
+        (["--goal", "4,4"], 1.0, False),
+        (["--starts", "random"], 1.0, False),
+        (["--preset", "paper-w05"], 1.0, False),
+    ],
+)
+def test_rows_beside_the_papers_own_are_flown_with_its_gate_and_no_others(
+    skydog, tmp_path, asked, nearness, beside
 ):
-    gates = {}
-    for starts in ("paper", "random"):
-        asked = ["--starts", starts, "--cases", "1", "--steps", "5", "--out", starts]
-        assert skydog("test", "strombom", *asked)[0] == 0
-        (file,) = (tmp_path / starts / "traces").iterdir()
-        gates[starts] = float(traces.load(file)[0].world.dog.nearness)
-    assert gates == {"paper": 0.0, "random": 1.0}
+    code, out, _ = skydog("test", "strombom", "--cases", "1", "--steps", "5", "--out", "o", *asked)
+    assert code == 0
+    assert ("the paper's own" in out) == beside
+    (file,) = (tmp_path / "o" / "traces").iterdir()
+    assert float(traces.load(file)[0].world.dog.nearness) == nearness
+
+
+def test_missions_that_are_over_where_they_start_are_said_to_be(skydog):
+    _, _, err = skydog("test", "strombom", "--goal", "2,2", "--cases", "3", "--json")
+    assert "3 of 3 missions are accomplished at the start; try --starts anywhere" in err
+    assert "at the start" not in skydog("test", "strombom", "--cases", "3", "--json")[2]
+
+
+def test_the_sheepdog_of_the_papers_frame_stands_beside_the_paper(skydog):
+    assert "the paper's own" in skydog("test", "h-ddpg-4x4-paper-frame", "--cases", "2")[1]
 
 
 def test_the_table_of_a_world_that_is_not_the_papers_has_no_column_for_it(skydog):

@@ -39,6 +39,10 @@ def test_what_is_asked_beyond_the_lessons_is_told(world, sheep, phrases):
     assert all(phrase in one for phrase, one in zip(phrases, told, strict=True))
 
 
+def test_any_number_of_sheep_is_within_what_was_taught():
+    assert scope.beyond(TAUGHT, preset("paper", 4.0, 5), None) == []
+
+
 def test_who_was_taught_for_goals_anywhere_is_asked_for_none_beyond():
     assert scope.beyond(ANY_GOAL, preset("paper", goal=(4.0, 1.0)), 3) == []
 

@@ -96,6 +96,11 @@ def test_cases_that_cannot_be_are_refused_with_the_bad_value_and_the_remedy(aske
 # The cases that ship
 
 
+def test_cases_that_do_not_ship_are_refused():
+    with pytest.raises(Refusal, match="'anywhere'"):
+        shipped(WORLD, "anywhere")  # pyright: ignore[reportArgumentType]
+
+
 @pytest.mark.parametrize(
     ("name", "drawn"), [("paper", (30, "paper", 0)), ("random", (1000, "random", 1))]
 )

@@ -87,6 +87,14 @@ def test_a_goal_stays_where_it_was_dragged_and_a_new_flock_starts_opposite():
     assert update(session, {"preset": "strombom2014"}).settings.goal is None
 
 
+@pytest.mark.parametrize("arena", [4.3, 4.4, 5.7])
+def test_a_goal_may_be_dragged_into_every_corner_of_every_arena(arena):
+    session = advance(update(begun(), {"arena": arena}), SHEPHERDS, 0)
+    session = update(session, {"hold": ("goal", 0, (99.0, 99.0))})
+    session = advance(update(session, {"reset": True}), SHEPHERDS, 0)
+    assert view(session)["world"]["goal"] == [arena, arena]
+
+
 def test_a_smaller_goal_leaves_room_in_a_smaller_arena():
     session = update(new(Settings("rule", goal_radius=0.5)), {"arena": 1.5})
     assert float(session.world.arena.goal_radius) == 0.5

@@ -71,6 +71,10 @@ def test_an_arena_and_a_flock_of_another_size_are_as_asked(name):
         ({"goal": (4.5, 0.0)}, "4.5,0", "--goal 4,4"),
         ({"goal": (0.0, -1.0)}, "0,-1", "--goal 4,4"),
         ({"goal": (math.nan, 1.0)}, "nan", "--goal 4,4"),
+        ({"goal": (4,)}, "(4,)", "(4, 4)"),
+        ({"goal": "4,4"}, "'4,4'", "(4, 4)"),
+        ({"goal": 4}, "4", "(4, 4)"),
+        ({"goal_radius": "2"}, "'2'", "--goal-radius 2"),
         ({"goal_radius": 0.0}, "0.0", "--goal-radius 2"),
         ({"goal_radius": -1.0}, "-1.0", "--goal-radius 2"),
         ({"goal_radius": math.nan}, "nan", "--goal-radius 2"),
@@ -106,7 +110,7 @@ def test_the_papers_presets_take_the_stray_at_hand_and_the_others_the_furthest()
     assert furthest_first(preset("paper")).dog.nearness == 0.0
 
 
-@pytest.mark.parametrize("nearness", [-0.1, math.nan, math.inf])
+@pytest.mark.parametrize("nearness", [-0.1, 1e39, math.nan, math.inf])
 def test_a_nearness_that_cannot_be_is_refused(nearness):
     with pytest.raises(Refusal, match="--nearness 1"):
         with_nearness(preset("paper"), nearness)

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -21,6 +21,9 @@ from rich.table import Table
 
 from skydog.errors import Refusal
 from skydog.learning.workers import Job, Message
+
+if TYPE_CHECKING:
+    from skydog.world.trace import Trace
 
 Thing = TypeVar("Thing")
 
@@ -37,6 +40,14 @@ def say_beyond(shepherd: str, asked: Sequence[str]) -> None:
     """Say what a mission asks of a shepherd beyond what it was taught, if anything."""
     if asked:
         say(f"{shepherd} was taught {'; '.join(asked)}. It flies all the same.")
+
+
+def say_over(traces: "Trace") -> None:
+    """Say if missions, stacked along the first axis, are accomplished where they start."""
+    over = int(traces.accomplished[:, 0].sum())
+    if over:
+        count = len(traces.accomplished)
+        say(f"{over} of {count} missions are accomplished at the start; try --starts anywhere")
 
 
 def track(text: str, things: Iterable[Thing]) -> Iterator[Thing]:

@@ -49,7 +49,7 @@ def export(
         console.say(f"{sheepdog} was trained in {card['own_world']}; the file holds {preset}.")
     size = float(dog.arena) if arena is None else arena
     world = world_of(preset, None, size, 3, 1, goal, goal_radius, nearness)
-    console.say_beyond(sheepdog, scope.beyond(card, world, 3))
+    console.say_beyond(sheepdog, scope.beyond(card, world, None))
     file = store.find(Path(sheepdog))
     own = file.absolute().parent.name if file.name == store.FILE else file.stem
     out = out or Path(f"{own}.onnx")

@@ -66,7 +66,7 @@ def herd(
     results = run(out, curriculum, seed, cases, resume, command, evaluate.fly)
     if results is None:
         return STOPPED
-    console.show(results, as_json, curriculum.with_papers_goal)
+    console.show(results, as_json, curriculum.as_paper)
     return 0
 
 
@@ -95,9 +95,10 @@ def run(
     from skydog.world import trace as traces
     from skydog.world.mission import MAX_STEPS
 
-    world = presets.furthest_first(curriculum.world())  # as in the paper
+    world, as_paper = curriculum.world(), curriculum.as_paper
+    if as_paper:
+        world = presets.furthest_first(world)
     starts = cases(world, count, "paper", sheep=curriculum.sheep)
-    as_paper = curriculum.with_papers_goal
     # A finished run is replaced, as by any other make; one that was interrupted is work to lose.
     if not resume and not (out / "results.json").exists():
         training.refuse_to_overwrite([out])
@@ -113,6 +114,7 @@ def run(
         evaluate.scenario(shepherd, world): fly(world, shepherd, starts, MAX_STEPS, None)
         for shepherd in shepherds
     }
+    console.say_over(next(iter(flown.values())))
     results = {name: evaluate.row(trace) for name, trace in flown.items()}
     ours = next(iter(results))
     card = training.card(curriculum, seed, command, {ours: results[ours]})

@@ -73,7 +73,7 @@ def test(
         dogs: Dogs, which all fly the same shepherd.
         nearness: Which stray a dog collects: the one that strays furthest, less this share of its
             distance to the dog. 0 is the furthest, as in the paper, and 1 the one at hand. If not
-            given, 0 for `paper` starts, else the world's own.
+            given, 0 in a row beside the paper's own, else the world's own.
         cases: How many missions.
         starts: `paper` varies where the dogs start, `random` where the sheep do too, opposite
             the goal; `anywhere` has them anywhere in the arena.
@@ -89,13 +89,15 @@ def test(
     from skydog.shepherds.strombom import Strombom
     from skydog.study import cases as draws
     from skydog.study import evaluate
-    from skydog.world import loading
+    from skydog.world import loading, presets
 
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
-    if nearness is None and starts == "paper":
-        nearness = 0.0
     where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness)
+    as_paper = (preset, world, starts, dogs) == ("paper", None, "paper", 1)
+    as_paper = as_paper and presets.has_own_goal(where, preset, sheep) and not nearness
+    if as_paper:
+        where = presets.furthest_first(where)
     if not 1 <= steps <= MOST_STEPS:
         raise Refusal(f"a mission has 1 to {MOST_STEPS:,} steps, got {steps}; try --steps 1000")
     if every < 1:
@@ -116,8 +118,6 @@ def test(
     # The metrics need the sheep at the start and at the end alone; a trace's file shows more.
     fly = partial(evaluate.fly, every=None if out is None else every)
     results = run(name, steers, where, drawn, steps, key, out, fly)
-    own_goal = goal is goal_radius is None
-    as_paper = own_goal and (preset, world, starts, dogs) == ("paper", None, "paper", 1)
     console.show(results, as_json, as_paper)
     return 0
 
@@ -137,12 +137,14 @@ def run(
     `fly` flies the missions. With `out`, the results and every mission's trace are written there.
     """
     from skydog import files
+    from skydog.commands import console
     from skydog.study import evaluate, report
     from skydog.world import trace as traces
 
     if out is not None:
         files.folder(out)
     flown = fly(world, shepherd, starts, steps, key)
+    console.say_over(flown)
     results = {name: evaluate.row(flown)}
     if out is not None:
         report.write(out, results)

@@ -97,8 +97,7 @@ def train(
     results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)
     if results is None:
         return STOPPED
-    as_paper = curriculum.with_papers_goal and (preset, world) == ("paper", None)
-    console.show(results, as_json, as_paper)
+    console.show(results, as_json, curriculum.as_paper)
     return 0
 
 
@@ -127,7 +126,9 @@ def run(
 
     if count < 1:
         raise Refusal(f"there is at least 1 sheepdog to teach, got {count}; try --seeds 8")
-    world = presets.furthest_first(curriculum.world())  # its test is the paper's
+    world = curriculum.world()
+    if curriculum.as_paper:
+        world = presets.furthest_first(world)
     seeds = range(seed, seed + count)
     folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
     if not resume:
@@ -148,6 +149,7 @@ def run(
     for seed, folder in folders.items():
         sheepdog, _ = training.fuse(curriculum, folder, seed)
         flown = fly(world, sheepdog, starts, MAX_STEPS, evaluate.noise_key(world, 0))
+        console.say_over(flown)
         name, row = curriculum.dog, evaluate.row(flown)
         card = training.card(curriculum, seed, command, {name: row})
         store.save(folder / store.FILE, sheepdog, card)

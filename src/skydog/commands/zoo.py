@@ -18,8 +18,8 @@ from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import evaluate, transfer
 from skydog.study.cases import cases
-from skydog.study.options import Results, Starts
-from skydog.study.scenarios import PAPER_FRAME, SIZES, Trained, row_of, shown_skills
+from skydog.study.options import PAPER_FRAME, Results, Starts
+from skydog.study.scenarios import SIZES, Trained, row_of, shown_skills
 from skydog.world.mission import MAX_STEPS, Fly
 from skydog.world.presets import furthest_first, preset
 

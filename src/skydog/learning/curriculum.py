@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from skydog.errors import Refusal
 from skydog.learning.options import Learner, Reward, Skill
@@ -38,6 +38,10 @@ class Curriculum:
     # furthest stray to collect.
     frame: Frame = "folded"
 
+    def __post_init__(self) -> None:
+        if self.goal is not None and not isinstance(self.goal, tuple):  # so that it has a hash
+            object.__setattr__(self, "goal", tuple(self.goal))
+
     def world(self) -> "World":
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
         return _world(self)
@@ -70,9 +74,12 @@ class Curriculum:
         return config if self.frame == "paper" else replace(config, discount=DISCOUNT)
 
     @property
-    def with_papers_goal(self) -> bool:
-        """Whether the goal is the preset's own."""
-        return self.goal is None and self.goal_radius is None
+    def as_paper(self) -> bool:
+        """Whether missions in its world are the paper's own: preset, flock and goal."""
+        from skydog.world import presets
+
+        ours = (self.preset, self.own_world, self.sheep) == ("paper", None, 3)
+        return ours and presets.has_own_goal(self.world(), self.preset, self.sheep)
 
     @property
     def dog(self) -> str:
@@ -113,6 +120,10 @@ def _world(curriculum: Curriculum) -> "World":
     if curriculum.steps < 1:
         raise Refusal(
             f"a skill is trained for at least 1 step, got {curriculum.steps}; try --steps 150000"
+        )
+    if curriculum.frame not in get_args(Frame):
+        raise Refusal(
+            f"no frame is called {curriculum.frame!r}; choose from {', '.join(get_args(Frame))}"
         )
     own, goal = curriculum.own_world, (curriculum.goal, curriculum.goal_radius)
     if own is not None:

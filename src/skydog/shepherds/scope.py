@@ -26,11 +26,11 @@ def scope(
     }
 
 
-def beyond(card: dict[str, Any], world: World, sheep: int) -> list[str]:
+def beyond(card: dict[str, Any], world: World, sheep: int | None) -> list[str]:
     """What a mission asks beyond what a sheepdog's card says that it was taught for.
 
-    Each is a phrase, such as "for the goal 0,0, not 4,4". A card that says nothing of it asks
-    for nothing.
+    `sheep` is None for any number. Each is a phrase, such as "for the goal 0,0, not 4,4". A card
+    that says nothing of it asks for nothing.
     """
     taught, size = card.get("taught_for"), float(world.arena.size)
     if not isinstance(taught, dict):
@@ -46,7 +46,8 @@ def beyond(card: dict[str, Any], world: World, sheep: int) -> list[str]:
         least, most = arenas
         if not 0.999 * least <= size <= 1.001 * most:
             found.append(f"for arenas of {least:.3g} to {most:.3g} m, not {size:g} m")
-    if (flock := _numbers([taught.get("sheep")], 1)) and flock[0] != sheep:
+    flock = _numbers([taught.get("sheep")], 1)
+    if flock and sheep is not None and flock[0] != sheep:
         found.append(f"with {flock[0]:g} sheep, not {sheep}")
     law, here = taught.get("flock"), law_name("flock", world.flock)
     if isinstance(law, str) and law != here:

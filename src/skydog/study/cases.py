@@ -92,6 +92,8 @@ def shipped(world: World, name: Literal["paper", "random"]) -> State:
     for other tools to fly, for a goal at (0, 0); `as_table` made them of `cases` with seed 0 and 1.
     For a goal beyond the middle of an axis they are mirrored.
     """
+    if name not in ("paper", "random"):
+        raise Refusal(f"no cases called {name!r} ship; choose from paper, random")
     file = resources.files("skydog.study").joinpath("data", f"{name}.csv")
     with file.open(encoding="utf-8") as lines:
         shares = np.loadtxt(lines, delimiter=",", skiprows=1, dtype=np.float32)

@@ -6,6 +6,9 @@ from typing import Any, Literal
 Starts = Literal["paper", "random", "anywhere"]
 """How starts are drawn, see `skydog.study.cases.cases`."""
 
+PAPER_FRAME = "-paper-frame"
+"""How the name of a sheepdog of the paper's frame ends."""
+
 Results = dict[str, Any]
 """Figures by name, as plain data."""
 

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from skydog import files
 from skydog.study import paper
+from skydog.study.options import PAPER_FRAME
 
 COLUMNS = (
     "scenario",
@@ -48,7 +49,9 @@ class Row:
 def rows(results: dict[str, Any], as_paper: bool = True) -> list[Row]:
     """Results for a table: beside the paper's own figures, if the cases are as the paper's."""
     printed = paper.PRINTED if as_paper else {}
-    return [Row(name, row, printed.get(name)) for name, row in results.items()]
+    return [
+        Row(name, row, printed.get(name.removesuffix(PAPER_FRAME))) for name, row in results.items()
+    ]
 
 
 def write(out: Path, results: dict[str, Any]) -> None:

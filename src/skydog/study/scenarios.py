@@ -23,7 +23,7 @@ from skydog.study import (
 )
 from skydog.study.cases import shipped
 from skydog.study.claims import Measured
-from skydog.study.options import Results, Track
+from skydog.study.options import PAPER_FRAME, Results, Track
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.mission import MAX_STEPS, Fly, Shepherd
 from skydog.world.params import World
@@ -33,7 +33,6 @@ from skydog.world.trace import Trace
 SIZES = (4.0, 6.0)
 SHOWN_CASE = 15  # the paper shows the trajectories of its 15th case
 SHOWN = ("Strombom-6x6", "DHRL-6x6", "H-DDPG-6x6", "H-DDPG-4x4to6x6")
-PAPER_FRAME = "-paper-frame"  # how the name of a sheepdog of the paper's frame ends
 AT_PAPERS_SPEED = f", {paper.STROMBOM_SPEED} m/s"
 
 

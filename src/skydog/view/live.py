@@ -108,6 +108,11 @@ def opening(
         raise Refusal(f"the live view has 1 to {MOST_SHEEP} sheep, got {sheep}; try --sheep 60")
     if not 1 <= dogs <= MOST_DOGS:
         raise Refusal(f"the live view has 1 to {MOST_DOGS} dogs, got {dogs}; try --dogs 3")
+    if goal_radius is not None and not 0.0 < goal_radius <= LONGEST_ARENA / 2:
+        raise Refusal(
+            f"the goal's radius is at most {LONGEST_ARENA / 2:g} m, got {goal_radius}; "
+            "try --goal-radius 2"
+        )
     if preset not in worlds:
         raise Refusal(f"no preset is called {preset!r}; choose from {', '.join(worlds)}")
     if arena is not None:

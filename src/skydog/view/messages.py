@@ -108,7 +108,7 @@ _CHECKS: dict[str, Check] = {
     "arena": _number("arena", 1.0, LONGEST_ARENA),
     "goal": lambda value: None if value is None else _pair("goal", value, LONGEST_ARENA),
     "goal_radius": lambda value: (
-        None if value is None else _number("goal_radius", 0.01, LONGEST_ARENA)(value)
+        None if value is None else _number("goal_radius", 0.01, LONGEST_ARENA / 2)(value)
     ),
     "sheep": _whole("sheep", 1, MOST_SHEEP),
     "dogs": _whole("dogs", 1, MOST_DOGS),

@@ -150,7 +150,7 @@ def update(session: Session, message: dict[str, Any]) -> Session:
                 f"{settings.arena:g} m is too short; try {_roomy(settings, session.worlds):g}"
             )
         settings = replace(settings, arena=None)  # the flock outgrew it
-    if settings.goal and "goal" not in message and max(settings.goal) > _side(settings, session):
+    if settings.goal and "goal" not in message and _outside(settings, session):
         settings = replace(settings, goal=None)
     if "step" in message:
         settings = replace(settings, paused=True)
@@ -292,8 +292,10 @@ def _roomy(settings: Settings, worlds: Worlds) -> float:
     return max(float(own.size), float(math.ceil(2 * _goal_radius(settings, worlds))))
 
 
-def _side(settings: Settings, session: Session) -> float:
-    return settings.arena or _roomy(settings, session.worlds)
+def _outside(settings: Settings, session: Session) -> bool:
+    """Whether the goal lies outside the arena that the settings ask for."""
+    side = settings.arena or _roomy(settings, session.worlds)
+    return settings.goal is not None and max(settings.goal) > side * (1 + 1e-6)
 
 
 def _goal_radius(settings: Settings, worlds: Worlds) -> float:
@@ -315,7 +317,10 @@ def _holding(session: Session, held: tuple[str, int, tuple[float, float]] | None
     x, y = (min(max(at, -beyond), size + beyond) for at in place)
     if who == "goal":
         settings = replace(session.settings, goal=(x, y))
-        world = _world(settings, session.worlds)
+        place = jnp.asarray((x, y), jnp.float32)
+        world = eqx.tree_at(
+            lambda w: (w.arena.goal_x, w.arena.goal_y), session.world, (place[0], place[1])
+        )
         return replace(session, held=None, settings=settings, world=world)
     if session.settings.mode == "race":
         raise Refusal("in a race nobody is carried; fly the dog instead")

@@ -16,6 +16,8 @@ from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import Arena, Dog, Sheep, World, check
 from skydog.world.spread import Spread, SquareRootSpread, TwoThirdsSpread
 
+MOST_NEAR = 1e6  # far more than any distance outweighs
+
 Point = tuple[float, float]
 """A place in the arena: x and y in metres."""
 
@@ -172,9 +174,10 @@ def make(
         raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
     world = check(maker(sheep=sheep) if arena is None else maker(arena=arena, sheep=sheep))
     if goal_radius is not None:
-        if not 0.0 < goal_radius < math.inf:
+        if not isinstance(goal_radius, int | float) or not 0.0 < goal_radius < math.inf:
             raise Refusal(
-                f"the goal's radius is a length in metres, got {goal_radius}; try --goal-radius 2"
+                f"the goal's radius is a length in metres, got {goal_radius!r:.60}; "
+                "try --goal-radius 2"
             )
         world = replace(world, arena=replace(world.arena, goal_radius=float(goal_radius)))
     radius = world.arena.goal_radius
@@ -188,8 +191,10 @@ def make(
 
 def with_nearness(world: World, nearness: float) -> World:
     """The world whose gate chooses strays so (see `Dog.nearness`). Raises `Refusal`."""
-    if not 0.0 <= nearness < math.inf:
-        raise Refusal(f"nearness is a share of 0 or more, got {nearness}; try --nearness 1")
+    if not 0.0 <= nearness <= MOST_NEAR:
+        raise Refusal(
+            f"nearness is a share from 0 to {MOST_NEAR:g}, got {nearness}; try --nearness 1"
+        )
     return replace(world, dog=replace(world.dog, nearness=float(nearness)))
 
 
@@ -198,12 +203,22 @@ def furthest_first(world: World) -> World:
     return with_nearness(world, 0.0)
 
 
+def has_own_goal(world: World, name: str, sheep: int) -> bool:
+    """Whether a preset's world has the goal that the preset has by itself."""
+    own, here = PRESETS[name](arena=world.arena.size, sheep=sheep).arena, world.arena
+    return (here.goal_x, here.goal_y, here.goal_radius) == (own.goal_x, own.goal_y, own.goal_radius)
+
+
 def _with_goal(world: World, goal: Point) -> World:
     size = float(world.arena.size)
-    if not all(0.0 <= at <= size for at in goal):
+    try:
+        x, y = (float(at) for at in goal)
+    except (TypeError, ValueError):
+        raise Refusal(f"a goal is x and y in metres, got {goal!r:.60}; try (4, 4)") from None
+    # A side that was rounded to float32 may be a little longer.
+    if not all(0.0 <= at <= size * (1 + 1e-6) for at in (x, y)):
         raise Refusal(
-            f"the goal lies in the arena, from 0 to {size:g} m on each axis, got "
-            f"{goal[0]:g},{goal[1]:g}; try --goal {size:g},{size:g}"
+            f"the goal lies in the arena, from 0 to {size:g} m on each axis, got {x:g},{y:g}; "
+            f"try --goal {size:g},{size:g}"
         )
-    x, y = map(float, goal)
-    return replace(world, arena=replace(world.arena, goal_x=x, goal_y=y))
+    return replace(world, arena=replace(world.arena, goal_x=min(x, size), goal_y=min(y, size)))
