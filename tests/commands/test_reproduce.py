@@ -22,7 +22,14 @@ def study(tmp_path_factory):
         patch.setattr(transfer, "ARENAS", (4.0, 5.0, 6.0))
         patch.setattr(zoo, "CHOSEN_IN", dict.fromkeys(zoo.CHOSEN_IN, (4.0,)))
         patch.setattr(zoo, "CHOSEN_BY", 2)
-        for name, value in (("MISSIONS", 4), ("MISSIONS_ANYWHERE", 4), ("FLOCKS", (1, 3))):
+        few = {
+            "MISSIONS": 4,
+            "MISSIONS_ANYWHERE": 4,
+            "FLOCKS": (3,),
+            "TO_GOALS": {4.0: ("H-DDPG-4x4", "H-DDPG-4x4-paper-frame")},
+            "FROM_ANYWHERE": ("H-DDPG-4x4",),
+        }
+        for name, value in few.items():
             patch.setattr(robustness, name, value)
         yield out, reproduce.run(out, SMALL, False, "skydog reproduce --seeds 1", evaluate.fly)
 

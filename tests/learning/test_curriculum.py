@@ -1,6 +1,3 @@
-import pytest
-
-from skydog.errors import Refusal
 from skydog.learning import lessons
 from skydog.learning.curriculum import Curriculum
 from skydog.world import herding
@@ -16,14 +13,10 @@ def test_the_folded_frame_has_lessons_as_missions_are_and_the_papers_has_the_pap
     assert folded.card() != paper.card()
 
 
-def test_a_goal_may_be_a_list_and_is_the_worlds():
-    curriculum = Curriculum(goal=[1, 4], goal_radius=1.5)  # pyright: ignore[reportArgumentType]
+def test_the_goal_is_the_worlds_and_only_the_papers_own_makes_a_row_of_the_papers():
+    curriculum = Curriculum(goal=(1.0, 4.0), goal_radius=1.5)
     assert herding.goal(curriculum.world().arena).tolist() == [1.0, 4.0]
     assert curriculum.card()["goal"] == [1.0, 4.0]
     assert not curriculum.as_paper
     assert Curriculum(goal=(0.0, 0.0)).as_paper
-
-
-def test_an_unknown_frame_is_refused_before_anything_is_taught():
-    with pytest.raises(Refusal, match="folded, paper"):
-        Curriculum(frame="x").world()  # pyright: ignore[reportArgumentType]
+    assert not Curriculum(sheep=5).as_paper

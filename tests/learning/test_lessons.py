@@ -12,7 +12,7 @@ from skydog.learning.lessons import EVEN, Draws, Episode
 from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world import herding, mission
-from skydog.world.presets import preset, with_nearness
+from skydog.world.presets import furthest_first, preset, with_nearness
 from skydog.world.state import start
 
 # In the world's own axes, where no frame and no draw of ours is meant.
@@ -181,7 +181,7 @@ def test_a_lesson_shows_and_flies_what_a_sheepdog_does_in_an_arena_of_its_scale(
     for key in jax.random.split(jax.random.key(1), 8):
         episode = replace(lesson.start(key), scale=jnp.asarray(xi))
         goal_x, goal_y = map(float, arena * episode.goal)
-        world = preset("paper", arena, goal=(goal_x, goal_y))
+        world = furthest_first(preset("paper", arena, goal=(goal_x, goal_y)))
         state = episode.state
         if bool(herding.gathered(world, state.sheep)) != (skill == "drive"):
             continue

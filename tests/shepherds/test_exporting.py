@@ -140,7 +140,7 @@ def test_the_file_flies_as_ours_from_random_states(dog, name, arena):
         *mine, flips = ours(dog, world, sheep, dogs)
         clear = decided(world, sheep, dogs, flips)
         # Of two scattered sheep both are the stray: see the next test.
-        assert np.mean(clear | ((flock == 2) & ~mine[2])) > 0.99
+        assert np.mean(clear | ((flock == 2) & ~mine[2])) > 0.98
         found = theirs(exported(dog, name, arena), sheep, dogs)
         for one, other in zip(mine, found, strict=True):
             np.testing.assert_allclose(other[clear], one[clear], atol=scale(world), rtol=0)
@@ -162,13 +162,16 @@ def test_of_two_scattered_sheep_the_file_collects_either_one(dog):
     assert beside[~drives].max() < scale(world)
 
     seen = xi * jax.vmap(lambda s, d, g: observe(s, d[None], g[None])[0])(sheep, dogs, subgoal)
-    action = np.asarray(sheepdog.collect(seen))
-    clear = ~drives
+    offset = np.abs(np.asarray(seen[:, :2] - seen[:, 2:]))
+    clear = ~drives & (np.abs(offset[:, 0] - offset[:, 1]) > TIE) & (offset.min(axis=1) > TIE)
+    seen, symmetry = frame.fold(seen)
+    action = frame.unfold(sheepdog.collect(seen), symmetry)
     if isinstance(sheepdog.collect, Actor):
-        action = np.asarray(stretched(sheepdog.collect(seen), xi))
+        action = stretched(action, xi)
     else:
         best = np.sort(sheepdog.collect.values(seen), axis=1)
         clear &= best[:, -1] - best[:, -2] > TIE
+    action = np.asarray(action)
     np.testing.assert_allclose(velocity[clear], action[clear], atol=scale(world), rtol=0)
 
 
@@ -206,7 +209,8 @@ def test_the_file_flies_as_ours_from_degenerate_states(dog, name, arena):
     sheep, dogs = degenerate_states(world)
     *mine, flips = ours(dog, world, sheep, dogs)
     clear = decided(world, sheep, dogs, flips)
-    assert clear.mean() > 0.5  # strays on one spot, or equally far, tie
+    # Most of these are made to tie: strays on one spot, offsets along an axis or a diagonal.
+    assert clear.mean() > 0.15
     found = theirs(exported(dog, name, arena), sheep, dogs)
     for one, other in zip(mine, found, strict=True):
         np.testing.assert_allclose(other[clear], one[clear], atol=scale(world), rtol=0)
