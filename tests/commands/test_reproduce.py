@@ -8,7 +8,7 @@ from skydog.commands import reproduce, training, zoo
 from skydog.commands.zoo import Plan
 from skydog.errors import Refusal
 from skydog.shepherds import store
-from skydog.study import evaluate, robustness, scenarios, transfer
+from skydog.study import evaluate, robustness, scenarios, statistics, transfer
 from skydog.study.reproduction import NATIVE, SCALED, UNSCALED
 
 SMALL = Plan(seeds=1, episodes=20)
@@ -31,6 +31,7 @@ def study(tmp_path_factory):
         }
         for name, value in few.items():
             patch.setattr(robustness, name, value)
+        patch.setattr(statistics, "RESAMPLES", 999)
         yield out, reproduce.run(out, SMALL, False, "skydog reproduce --seeds 1", evaluate.fly)
 
 

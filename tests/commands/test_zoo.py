@@ -6,7 +6,7 @@ from studies import assert_whole
 from skydog.commands import reproduce
 from skydog.commands.zoo import Plan
 from skydog.shepherds import store
-from skydog.study import evaluate, robustness, transfer
+from skydog.study import evaluate, robustness, statistics, transfer
 from skydog.study.reproduction import SCALED
 
 
@@ -27,6 +27,7 @@ def from_zoo(tmp_path_factory):
         }
         for name, value in few.items():
             patch.setattr(robustness, name, value)
+        patch.setattr(statistics, "RESAMPLES", 999)
         return out, reproduce.run(out, Plan(), True, "skydog reproduce --from-zoo", evaluate.fly)
 
 
