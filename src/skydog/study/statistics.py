@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-
 RESAMPLES = 9_999  # of a bootstrap
 
 
