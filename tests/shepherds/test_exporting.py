@@ -29,7 +29,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "numpy_sheepdog.py"
 ACTORS = ("h-ddpg-4x4", "h-ddpg-6x6")
 ALL = (*ACTORS, "dhrl-4x4", "dhrl-6x6")
 FLOCKS = (1, 2, 3, 7, 46)
-CLOSE = 1e-5  # metres and m/s
+CLOSE = 2e-5  # metres and m/s
 # Nearer than this to where the gate, the stray or DHRL's step flips (m, or in the unit of Q), the
 # last bit of a number decides, and no two ways of computing it need agree.
 TIE = 1e-4
@@ -119,7 +119,7 @@ def random_states(world, flock: int, count: int = 400):
 
 
 def scale(world) -> float:
-    """1e-5 in 4 m. A float32 coordinate is the coarser the longer the arena, here and there."""
+    """2e-5 in 4 m. A float32 coordinate is the coarser the longer the arena, here and there."""
     return CLOSE * max(1.0, world.arena.size / 4.0)
 
 
