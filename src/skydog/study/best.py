@@ -15,9 +15,9 @@ from jaxtyping import Float, Int
 
 from skydog.errors import Refusal
 from skydog.study import statistics
-from skydog.study.options import Starts
+from skydog.study.options import ShippedStarts
 
-SHIPPED: dict[tuple[Starts, float], str] = {
+SHIPPED: dict[tuple[ShippedStarts, float], str] = {
     ("paper", 4.0): "plans-paper-4.csv",
     ("paper", 6.0): "plans-paper-6.csv",
     ("random", 4.0): "plans-random-4.csv",
@@ -39,7 +39,7 @@ class Plans:
     velocity: Float[np.ndarray, "cases longest dogs 2"]
 
 
-def plans(starts: Starts, arena: float) -> Plans | None:
+def plans(starts: ShippedStarts, arena: float) -> Plans | None:
     """The best-known plans of the first of `cases.shipped`, in the world of the preset `paper`.
 
     They are replayed by `planner.fly`. None for a set or an arena that has none.
@@ -48,7 +48,7 @@ def plans(starts: Starts, arena: float) -> Plans | None:
     return None if name is None else _shipped(name)
 
 
-def steps(starts: Starts, arena: float) -> Int[np.ndarray, " cases"] | None:
+def steps(starts: ShippedStarts, arena: float) -> Int[np.ndarray, " cases"] | None:
     """The best-known steps of the first of `cases.shipped`; None where there are no plans."""
     known = plans(starts, arena)
     return None if known is None else known.steps

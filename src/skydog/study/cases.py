@@ -2,7 +2,7 @@
 
 from importlib import resources
 from operator import index
-from typing import Literal, get_args
+from typing import get_args
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from skydog.errors import Refusal
-from skydog.study.options import Starts
+from skydog.study.options import ShippedStarts, Starts
 from skydog.world import herding, mission, params
 from skydog.world.params import World
 from skydog.world.state import State, start
@@ -84,7 +84,7 @@ def check(starts: str, sheep: int, dogs: int) -> None:
         )
 
 
-def shipped(world: World, name: Literal["paper", "random"]) -> State:
+def shipped(world: World, name: ShippedStarts) -> State:
     """The fixed cases of the simulation study, for an arena of any size.
 
     `paper`: 30 starts of the UAV with the three sheep of `PAPER_LAYOUT`, as the paper tests.

@@ -6,6 +6,9 @@ from typing import Any, Literal
 Starts = Literal["paper", "random", "anywhere"]
 """How starts are drawn, see `skydog.study.cases.cases`."""
 
+ShippedStarts = Literal["paper", "random"]
+"""The sets of starts that ship as fixed cases, see `skydog.study.cases.shipped`."""
+
 PAPER_FRAME = "-paper-frame"
 """How the name of a sheepdog of the paper's frame ends."""
 
