@@ -68,8 +68,9 @@ def watch(
         preset = f"{preset} (yours)" if preset in worlds else preset
         worlds = {preset: loading.maker(world), **worlds}
     sheep = own_sheep(world, sheep)
+    shepherds = live.policies(shepherd)
     live.serve(
-        live.policies(shepherd),
+        shepherds,
         shepherd,
         preset,
         arena,
@@ -81,6 +82,6 @@ def watch(
         worlds,
         goal_of(goal),
         goal_radius,
-        live.cards(shepherd),
+        live.cards(shepherds),
     )
     return 0

@@ -52,9 +52,9 @@ def policies(chosen: str) -> dict[str, Shepherd]:
     return first | rules | {name: store.load(name) for name in store.ships()} | first
 
 
-def cards(chosen: str) -> dict[str, dict[str, Any]]:
-    """The cards of the sheepdogs among `policies(chosen)`, by name."""
-    learnt = [name for name, steers in policies(chosen).items() if isinstance(steers, Sheepdog)]
+def cards(shepherds: Mapping[str, Shepherd]) -> dict[str, dict[str, Any]]:
+    """The cards of the sheepdogs among `policies`, by name."""
+    learnt = [name for name, steers in shepherds.items() if isinstance(steers, Sheepdog)]
     return {name: store.read(name)[1] for name in learnt}
 
 
