@@ -30,6 +30,6 @@ class Watch:
     def __init__(self):
         self.began, self.busy = time.perf_counter(), time.process_time()
 
-    def answer(self, steps: int) -> None:
+    def answer(self, steps: int, **besides: float) -> None:
         seconds = time.perf_counter() - self.began
-        answer(steps=steps, seconds=seconds, busy=time.process_time() - self.busy)
+        answer(steps=steps, seconds=seconds, busy=time.process_time() - self.busy, **besides)

@@ -6,11 +6,12 @@ import shutil
 import subprocess
 from html.parser import HTMLParser
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from browser import chromium, opened, pixels, until
-from flights import herded, two_dogs_cut_short
+from flights import herded, posed, two_dogs_cut_short
 from PIL import Image
 
 from skydog.study import metrics
@@ -66,6 +67,36 @@ def test_a_page_holds_the_mission_to_the_millimetre_up_to_its_end(trace):
     low, high = shown["extent"]
     assert low < np.min(shown["dogs"])
     assert high > np.max(shown["subgoal"])
+
+
+def assert_shown(poses, whole, instants):
+    roll, pitch, _ = np.moveaxis(np.degrees(whole.attitude)[instants], -1, 0)
+    height = np.asarray(whole.setpoint)[instants, :, 2]
+    for name, true in (("altitude", whole.altitude[instants]), ("setpoint", height)):
+        np.testing.assert_allclose(poses[name], true, atol=0.501e-3)
+    for name, true in (("roll", roll), ("pitch", pitch)):
+        np.testing.assert_allclose(poses[name], true, atol=0.0501)
+    np.testing.assert_allclose(poses["yaw"], whole.yaw[instants], atol=0.501e-3)
+
+
+@pytest.mark.parametrize("trace", [herded, two_dogs_cut_short])
+def test_a_page_holds_altitude_attitude_and_headings_up_to_the_end(trace):
+    trace = posed(trace())
+    (shown,) = missions(replay.page({"Strömbom": trace}))
+    assert_shown(shown["poses"], trace.poses, np.arange(int(metrics.steps(trace)) + 1))
+
+
+def test_poses_are_thinned_with_the_sheep():
+    whole, recorded = posed(two_dogs_cut_short()), np.array([0, 7, 14, 20])
+    thin = dataclasses.replace(
+        whole,
+        sheep=whole.sheep[recorded],
+        recorded=jnp.asarray(recorded),
+        centre=whole.sheep.mean(axis=1),
+    )
+    (shown,) = missions(replay.page({"Strömbom": thin}))
+    assert shown["step"] == recorded.tolist()
+    assert_shown(shown["poses"], whole.poses, recorded)
 
 
 def test_a_name_cannot_break_out_of_the_page():
@@ -143,3 +174,73 @@ def test_the_page_plays_in_a_browser_and_can_be_scrubbed(tmp_path):
         assert page.inner_text(".step") == f"1 of {last}"
         page.select_option(".mission", "1")
         assert page.inner_text(".step") == "0 of 20"
+
+
+def strip_cursor(page):
+    """Where the cursor of the strip is, in CSS pixels from the left of the window."""
+    return page.evaluate("document.querySelector('.strip .cursor').getBoundingClientRect().x")
+
+
+def test_the_strip_follows_the_play_head_and_seeks_where_it_is_clicked(tmp_path):
+    path = tmp_path / "replay.html"
+    replay.save(path, {"one": posed(herded()), "two": posed(two_dogs_cut_short(), "UAV down")})
+    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+        start, last = strip_cursor(page), int(metrics.steps(herded()))
+        page.keyboard.press("End")
+        end = strip_cursor(page)
+        assert page.inner_text(".doing") == "accomplished"
+        box = page.locator(".strip").bounding_box()
+        assert box["x"] < start < end < box["x"] + box["width"]
+        page.locator(".strip").click(position={"x": (start + end) / 2 - box["x"], "y": 90})
+        assert abs(int(page.inner_text(".step").split()[0]) - last / 2) <= 1
+        assert strip_cursor(page) == pytest.approx((start + end) / 2, abs=(end - start) / last)
+        page.keyboard.press("Home")
+        assert strip_cursor(page) == start
+        page.select_option(".speed", "8")
+        page.click("button")
+        until(page, f"document.querySelector('.strip .cursor').getBoundingClientRect().x > {start}")
+        until(page, f"document.querySelector('.step').textContent === '{last} of {last}'")
+        assert strip_cursor(page) == end
+        page.select_option(".mission", "1")
+        assert strip_cursor(page) == start
+        # Of each dog: altitude with its set-point, roll, pitch.
+        assert page.locator(".strip .thin").count() == 2 * 3
+        assert page.locator(".strip .setpoint").count() == 2
+        page.locator(".replay").focus()
+        page.keyboard.press("End")
+        assert page.inner_text(".doing") == "UAV down"
+
+
+def test_sheep_with_poses_show_their_headings(tmp_path):
+    path, there = tmp_path / "replay.html", posed(two_dogs_cut_short())
+    assert there.poses is not None
+    back = dataclasses.replace(there.poses, yaw=there.poses.yaw + jnp.pi)
+    replay.save(path, {"there": there, "back": dataclasses.replace(there, poses=back)})
+    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+        first = pixels(page, "canvas")
+        page.select_option(".mission", "1")
+        assert (pixels(page, "canvas") != first).any()
+
+
+def test_a_mission_without_poses_has_no_strip(tmp_path):
+    path = tmp_path / "replay.html"
+    replay.save(path, {"with": posed(two_dogs_cut_short()), "without": two_dogs_cut_short()})
+    assert missions(path.read_text("utf-8"))[1]["poses"] is None
+    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+        assert page.locator(".posed-only:visible").count() == 2
+        narrow = page.locator("canvas").bounding_box()["width"]
+        page.select_option(".mission", "1")
+        assert page.locator(".posed-only:visible").count() == 0
+        assert page.locator("canvas").bounding_box()["width"] > narrow
+
+
+@pytest.mark.parametrize("instants", [1, 2])
+def test_a_dog_that_lies_still_has_a_strip_too(tmp_path, instants):
+    path, trace = tmp_path / "replay.html", posed(two_dogs_cut_short())
+    poses = jax.tree.map(lambda every: jnp.zeros_like(every[:instants]), trace.poses)
+    parts = ("time", "sheep", "dogs", "subgoal", "drives", "command", "accomplished")
+    short = {name: getattr(trace, name)[:instants] for name in parts}
+    replay.save(path, {"still": dataclasses.replace(trace, **short, poses=poses)})
+    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+        assert "NaN" not in page.inner_html(".strip")
+        assert "Infinity" not in page.inner_html(".strip")

@@ -117,13 +117,24 @@ function arena(canvas, root) {
     }
   }
 
-  /** Everybody now, and the flock's centre with f(N) about it. */
-  function flock({ sheep, dogs, subgoal, drives }) {
+  /** Ticks from under the sheep's discs: which way each of them faces, as [x, y] of any length. */
+  function headings(sheep, facing, size) {
+    pen.beginPath();
+    facing.forEach(([dx, dy], k) => {
+      const [x, y] = at(sheep[k]), long = 1.6 * size + 2, whole = Math.hypot(dx, dy) || 1;
+      pen.moveTo(x, y); pen.lineTo(x + long * dx / whole, y - long * dy / whole);
+    });
+    stroke("ink", 2, 0.8);
+  }
+
+  /** Everybody now, and the flock's centre with f(N) about it; sheep with no heading lack `facing`. */
+  function flock({ sheep, dogs, subgoal, drives, facing = [] }) {
     const centre = [0, 1].map((axis) => sheep.reduce((sum, p) => sum + p[axis], 0) / sheep.length);
     const size = Math.max(3, Math.min(6, 36 / Math.sqrt(sheep.length)));
     disc(centre, world.gathered * zoom); stroke("ink", 1.2, 0.6, [5, 4]);
     cross(centre, 4, true); stroke("ink", 1.2, 0.7);
     ways(dogs, subgoal, drives);
+    headings(sheep, facing, size);
     sheep.forEach((p) => { disc(p, size); fill("sheep"); stroke("ink", 1, 0.5); });
     dogs.forEach(drone);
     subgoal.forEach((p) => { cross(p, 5); stroke("subgoal", 3); });

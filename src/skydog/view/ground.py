@@ -34,6 +34,6 @@ def numbers(world: World, sheep: int) -> dict[str, Any]:
     }
 
 
-def rounded(values: Any) -> Any:
-    """Numbers as plain data, rounded to the millimetre."""
-    return np.round(np.asarray(values, np.float64), 3).tolist()
+def rounded(values: Any, digits: int = 3) -> Any:
+    """Numbers as plain data, rounded: metres to the millimetre."""
+    return np.round(np.asarray(values, np.float64), digits).tolist()

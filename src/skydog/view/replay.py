@@ -13,8 +13,8 @@ from skydog.view import ground
 from skydog.view.animation import gif, mp4
 from skydog.view.figures import extent
 from skydog.view.ground import rounded
-from skydog.view.page import filled
-from skydog.world.trace import Trace, frames, how_it_ended, last_instant, step_numbers
+from skydog.view.page import filled, read
+from skydog.world.trace import Poses, Trace, frames, how_it_ended, last_instant, step_numbers
 
 
 def save(path: Path, traces: dict[str, Trace]) -> None:
@@ -46,7 +46,7 @@ def player(traces: dict[str, Trace]) -> str:
     missions = [_mission(name, trace) for name, trace in traces.items()]
     data = json.dumps(missions, allow_nan=False, separators=(",", ":"))
     # A name may hold `</script>`: JSON can spell it without a `<`.
-    return filled("replay.html", missions=data.replace("<", "\\u003c"))
+    return filled("replay.html", missions=data.replace("<", "\\u003c"), strip=read("strip.js"))
 
 
 def _mission(name: str, whole: Trace) -> dict[str, Any]:
@@ -70,4 +70,17 @@ def _mission(name: str, whole: Trace) -> dict[str, Any]:
         "dogs": rounded(dogs),
         "subgoal": rounded(subgoal),
         "drives": np.asarray(trace.drives)[:until].tolist(),
+        "poses": None if trace.poses is None else _poses(trace.poses, until),
+    }
+
+
+def _poses(poses: Poses, until: int) -> dict[str, Any]:
+    """How dogs and sheep stand: metres, degrees for the dogs, radians for the sheep's yaw."""
+    roll, pitch, _ = np.moveaxis(np.degrees(poses.attitude[:until]), -1, 0)
+    return {
+        "altitude": rounded(poses.altitude[:until]),
+        "setpoint": rounded(poses.setpoint[:until, :, 2]),
+        "roll": rounded(roll, 1),
+        "pitch": rounded(pitch, 1),
+        "yaw": rounded(poses.yaw[:until]),
     }

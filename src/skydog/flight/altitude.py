@@ -1,0 +1,17 @@
+"""Take-off, hold and landing: how high a drone should be by now, and how fast it climbs there."""
+
+import numpy as np
+from jaxtyping import Float
+
+from skydog.flight.profiles import UAV
+
+HEIGHT = 2.0  # m; paper, "Action and state space": the altitude that the UAV holds
+GAIN = 1.5  # 1/s, of the altitude
+
+
+def climb(
+    uav: UAV, altitude: Float[np.ndarray, "*batch"], height: float
+) -> Float[np.ndarray, "*batch"]:
+    """The climb rate in m/s that brings a drone to `height` metres and holds it there."""
+    most = uav.velocity.largest_climb
+    return np.clip(GAIN * (height - altitude), -most, most)

@@ -1,0 +1,179 @@
+"""The base station's loop: from what motion capture sees to what drones and rovers are commanded.
+
+A hundred times a second `see` and `act`; at every decision `take` the set-points that it moves.
+Pure functions of a memory: the twin calls them in simulated time.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from skydog.flight import altitude, autopilot, estimate, rovers, setpoints, sni
+from skydog.flight.estimate import Estimate
+from skydog.flight.profiles import UAV, Rover
+from skydog.flight.rovers import Pose, Twist, YawMemory
+from skydog.flight.setpoints import Setpoint
+
+DT = 0.01  # s: motion capture's 100 Hz (paper, Section "Environment and Control Network Setups")
+LEASH = 0.6  # m: a drone's set-point is never further ahead when it is decided; ours
+LEVEL = 0.6  # m by which each further drone flies above the one before; ours
+
+Steering = Literal["track", "turn"]
+"""How rovers obey a force: `skydog.flight.rovers.track`, or `turn_then_drive`."""
+
+
+class Station(NamedTuple):
+    """What the base station knows of its robots."""
+
+    uav: UAV
+    rover: Rover
+    steering: Steering
+    tolerance: float | None  # m: the next set-point waits until the drone is so near; None: each dt
+    period: float  # s between decisions
+    speed: Float[np.ndarray, "..."]  # m/s of a rover under a force of 1
+
+
+class Memory(NamedTuple):
+    """What the base station remembers."""
+
+    dogs: Estimate  # of three axes
+    sheep: Estimate  # of two
+    yaw: Estimate  # of one
+    dog_setpoint: Setpoint
+    sheep_setpoint: Setpoint
+    lag: Float[np.ndarray, "*batch dogs 2"]  # of the SNI controller
+    trim: Float[np.ndarray, "*batch dogs 2"]  # m/s
+    command: Float[np.ndarray, "*batch dogs 3"]  # m/s, the latest
+    steered: YawMemory
+    twist: Twist
+
+
+class Frame(NamedTuple):
+    """A frame of motion capture, and which bodies are in it."""
+
+    dogs: Float[np.ndarray, "*batch dogs 3"]  # m
+    sheep: Float[np.ndarray, "*batch sheep 2"]
+    yaw: Float[np.ndarray, "*batch sheep"]  # rad, of the rovers
+    dogs_seen: Bool[np.ndarray, "*batch dogs"]
+    sheep_seen: Bool[np.ndarray, "*batch sheep"]
+
+
+class Commands(NamedTuple):
+    """What the base station sends."""
+
+    velocity: Float[np.ndarray, "*batch dogs 3"]  # m/s, world frame
+    tilt: Float[np.ndarray, "*batch dogs 2"]  # rad, roll and pitch; unless the drone takes velocity
+    twist: Twist  # of the rovers
+
+
+def start(frame: Frame) -> Memory:
+    """The memory when all stand where the first frame has them."""
+    sheep = estimate.start(frame.sheep)
+    still = np.zeros_like(frame.yaw)
+    level = np.zeros_like(frame.dogs[..., :2])
+    return Memory(
+        dogs=estimate.start(frame.dogs),
+        sheep=sheep,
+        yaw=estimate.start(frame.yaw[..., None]),
+        dog_setpoint=setpoints.stand(frame.dogs[..., :2]),
+        sheep_setpoint=setpoints.stand(frame.sheep),
+        lag=level,
+        trim=level,
+        command=np.zeros_like(frame.dogs),
+        steered=YawMemory(still, still),
+        twist=Twist(still, still),
+    )
+
+
+def see(memory: Memory, frame: Frame) -> Memory:
+    """The memory after a frame of motion capture."""
+    turned = memory.yaw.position + rovers.wrapped(frame.yaw[..., None] - memory.yaw.position)
+    return memory._replace(
+        dogs=estimate.update(memory.dogs, frame.dogs, frame.dogs_seen, DT),
+        sheep=estimate.update(memory.sheep, frame.sheep, frame.sheep_seen, DT),
+        yaw=estimate.update(memory.yaw, turned, frame.sheep_seen, DT),
+    )
+
+
+def pose(memory: Memory) -> Pose:
+    """Where the rovers are, as far as is known."""
+    return Pose(memory.sheep.position, memory.yaw.position[..., 0])
+
+
+def waiting(station: Station, memory: Memory) -> Bool[np.ndarray, "*batch dogs"]:
+    """Which drones are still on their way to a waypoint that the next one waits for."""
+    here = memory.dogs.position[..., :2]
+    if station.tolerance is None:
+        return np.zeros(here.shape[:-1], bool)
+    return ~setpoints.reached(memory.dog_setpoint, here, station.period, station.tolerance)
+
+
+def take(
+    station: Station,
+    memory: Memory,
+    dog_velocity: Float[np.ndarray, "*batch dogs 2"],
+    sheep_velocity: Float[np.ndarray, "*batch sheep 2"],
+    airspace: tuple[float, float],
+    arena: tuple[float, float],
+) -> Memory:
+    """The memory with the set-points that a decision moves, velocities in m/s.
+
+    `airspace` and `arena` are the least and the greatest coordinate in metres at which a drone and
+    a rover may be.
+    """
+    dt, here = station.period, memory.dogs.position[..., :2]
+    held = waiting(station, memory)[..., None]
+    dogs = setpoints.integrate(
+        memory.dog_setpoint, np.where(held, 0.0, dog_velocity), here, dt, LEASH
+    )
+    at = rovers.steered(station.rover, pose(memory))
+    sheep = setpoints.integrate(
+        memory.sheep_setpoint, sheep_velocity, at, dt, station.rover.tracking.leash
+    )
+    return memory._replace(
+        dog_setpoint=_within(dogs, airspace, dt), sheep_setpoint=_within(sheep, arena, dt)
+    )
+
+
+def act(
+    station: Station, memory: Memory, elapsed: float, height: Float[np.ndarray, "*batch dogs"]
+) -> tuple[Memory, Commands]:
+    """What is commanded so many seconds after a decision, drones to be at `height` metres."""
+    here, loop = memory.dogs, station.uav.position
+    error = setpoints.at(memory.dog_setpoint, elapsed) - here.position[..., :2]
+    lag, level = sni.step(loop, memory.lag, error, DT)
+    trim = sni.trim(loop, memory.trim, error, DT)
+    level = memory.dog_setpoint.velocity + level + trim
+    size = np.hypot(level[..., :1], level[..., 1:])
+    most = station.uav.velocity.largest
+    level = level * np.minimum(1.0, most / np.maximum(size, most))
+    climb = altitude.climb(station.uav, here.position[..., 2], height)
+    command = np.concatenate([level, climb[..., None]], axis=-1)
+    tilt = autopilot.tilt(
+        station.uav,
+        level,
+        (level - memory.command[..., :2]) / DT,
+        here.velocity[..., :2],
+        np.zeros_like(level),
+        np.zeros_like(climb),
+    )
+    steered, twist = _steer(station, memory, elapsed)
+    twist = rovers.within_limits(station.rover, memory.twist, twist, DT)
+    memory = memory._replace(lag=lag, trim=trim, command=command, steered=steered, twist=twist)
+    return memory, Commands(command, tilt, twist)
+
+
+def _steer(station: Station, memory: Memory, elapsed: float) -> tuple[YawMemory, Twist]:
+    at, velocity = pose(memory), memory.sheep_setpoint.velocity
+    if station.steering == "turn":
+        return rovers.turn_then_drive(station.rover, memory.steered, at, velocity, DT)
+    goal = setpoints.at(memory.sheep_setpoint, elapsed)
+    return memory.steered, rovers.track(station.rover, at, goal, velocity, station.speed)
+
+
+def _within(setpoint: Setpoint, bounds: tuple[float, float], dt: float) -> Setpoint:
+    """The set-point, turned aside so that it ends within bounds."""
+    origin = np.clip(setpoint.origin, *bounds)
+    end = np.clip(origin + dt * setpoint.velocity, *bounds)
+    return Setpoint(origin, (end - origin) / dt)

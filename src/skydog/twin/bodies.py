@@ -1,0 +1,305 @@
+"""The bodies in MuJoCo: quadrotors with four rotors, rovers with wheels, the floor and its walls."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+from mujoco import MjSpec, mjtGeom
+
+from skydog.flight import autopilot
+from skydog.flight.profiles import UAV, Rover
+
+TIMESTEP = 0.005  # s; see docs/twin.md for what half of it changes
+WALL = 0.25  # m: its height; rovers cannot pass, and a drone at 2 m does not notice
+WALL_THICKNESS = 0.05
+
+# Who touches whom: bits of what a geom is, and of what it can touch.
+FLOOR, ROVER, DRONE = 1, 2, 4
+
+Colour = tuple[float, float, float, float]
+GREY: Colour = (0.25, 0.25, 0.27, 1.0)
+LIGHT: Colour = (0.82, 0.82, 0.80, 1.0)
+
+
+@dataclass(frozen=True)
+class Look:
+    """The colours in which bodies are drawn, red, green, blue and opacity from 0 to 1."""
+
+    sheep: Colour = (0.35, 0.35, 0.35, 1.0)
+    dog: Colour = (0.80, 0.25, 0.15, 1.0)
+    goal: Colour = (0.20, 0.60, 0.30, 0.35)
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """A model, and where in its state each body stands."""
+
+    model: mujoco.MjModel
+    dogs: Int[np.ndarray, " dogs"]  # the first of the seven places of a drone in `qpos`
+    dog_speeds: Int[np.ndarray, " dogs"]  # the first of its six in `qvel`
+    sheep: Int[np.ndarray, " sheep"]
+    sheep_speeds: Int[np.ndarray, " sheep"]
+    rotors: Int[np.ndarray, "dogs 4"]  # in `ctrl`
+    wheels: Int[np.ndarray, "sheep 2"]  # left and right
+
+
+def build(
+    uav: UAV,
+    rover: Rover,
+    size: float,
+    goal: tuple[float, float, float],
+    sheep: int,
+    dogs: int,
+    friction: float = 1.0,
+    timestep: float = TIMESTEP,
+    look: Look | None = None,
+) -> Bodies:
+    """The model of an arena of `size` metres with so many rovers and drones in it.
+
+    `goal` is x, y and radius in metres. The walls stand a rover's radius outside the arena, so
+    that the rovers' centres have all of it. `friction` is the floor's, for the wheels.
+    """
+    look = look or Look()
+    spec = MjSpec()
+    spec.compiler.degree = False
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.gravity = (0.0, 0.0, -autopilot.GRAVITY)
+    _draw_room(spec, size, goal, look)
+    _add_walls(spec, size, rover.body.radius)
+    floor = spec.worldbody.add_geom(
+        name="floor",
+        type=mjtGeom.mjGEOM_PLANE,
+        size=(size, size, 0.1),
+        pos=(size / 2, size / 2, 0.0),
+        material="floor",
+        contype=FLOOR,
+        conaffinity=ROVER | DRONE,
+    )
+    floor.friction = (friction, 0.005, 0.0001)
+    for number in range(dogs):
+        _add_drone(spec, f"dog{number}", uav, look.dog)
+    for number in range(sheep):
+        _add_rover(spec, f"sheep{number}", rover, friction, look.sheep)
+    model = spec.compile()
+    for number in range(dogs):
+        place = model.joint(f"dog{number}").dofadr[0]
+        # The air's drag: a damping of the free joint's translation, which is implicit in the step.
+        model.dof_damping[place : place + 3] = uav.body.drag
+    joints = {
+        who: [model.joint(f"{who}{number}") for number in range(count)]
+        for who, count in (("dog", dogs), ("sheep", sheep))
+    }
+    return Bodies(
+        model=model,
+        dogs=np.array([joint.qposadr[0] for joint in joints["dog"]]),
+        dog_speeds=np.array([joint.dofadr[0] for joint in joints["dog"]]),
+        sheep=np.array([joint.qposadr[0] for joint in joints["sheep"]]),
+        sheep_speeds=np.array([joint.dofadr[0] for joint in joints["sheep"]]),
+        rotors=_actuators(model, "dog", dogs, ["rotor0", "rotor1", "rotor2", "rotor3"]),
+        wheels=_actuators(model, "sheep", sheep, ["left", "right"]),
+    )
+
+
+def rest(bodies: Bodies, uav: UAV, rover: Rover) -> tuple[float, float]:
+    """The altitude in metres of a drone and of a rover that stand on the floor."""
+    return uav.body.height / 2, rover.body.wheel_radius
+
+
+def attitudes(
+    quaternion: Float[np.ndarray, "*batch 4"],
+) -> Float[np.ndarray, "*batch 3"]:
+    """Roll, pitch and yaw in radians of a unit quaternion, real part first."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def _actuators(
+    model: mujoco.MjModel, who: str, count: int, names: list[str]
+) -> Int[np.ndarray, "bodies each"]:
+    found = [
+        [model.actuator(f"{who}{number}_{name}").id for name in names] for number in range(count)
+    ]
+    return np.array(found, int).reshape(count, len(names))
+
+
+def _add_walls(spec: MjSpec, size: float, beyond: float) -> None:
+    half = size / 2 + beyond + WALL_THICKNESS
+    middle, thick = size / 2, WALL_THICKNESS / 2
+    away = size / 2 + beyond + thick
+    for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        spec.worldbody.add_geom(
+            type=mjtGeom.mjGEOM_BOX,
+            size=(thick if x else half, thick if y else half, WALL / 2),
+            pos=(middle + x * away, middle + y * away, WALL / 2),
+            rgba=LIGHT,
+            friction=(0.2, 0.005, 0.0001),
+            contype=FLOOR,
+            conaffinity=ROVER | DRONE,
+        )
+
+
+def _add_drone(spec: MjSpec, name: str, uav: UAV, colour: Colour) -> None:
+    body, reach = uav.body, uav.body.arm / np.sqrt(2.0)
+    drone = spec.worldbody.add_body(name=name, pos=(0.0, 0.0, body.height / 2))
+    drone.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
+    drone.explicitinertial = True
+    drone.mass, drone.inertia = body.mass, body.inertia
+    drone.add_geom(  # its bumper, which is all that touches; drawn is what follows
+        type=mjtGeom.mjGEOM_CYLINDER,
+        size=(body.radius, body.height / 2, 0.0),
+        rgba=(0.0, 0.0, 0.0, 0.0),
+        contype=DRONE,
+        conaffinity=FLOOR | ROVER | DRONE,
+        friction=(0.5, 0.005, 0.0001),
+        group=3,
+    )
+    thin = 0.12 * body.height
+    _draw(
+        drone, mjtGeom.mjGEOM_ELLIPSOID, (0.5 * body.arm, 0.28 * body.arm, body.height / 2), colour
+    )
+    propeller = 0.95 * reach
+    for number, (roll, pitch, spin) in enumerate(autopilot.ROTORS):
+        at = (-pitch * reach, roll * reach, 0.0)
+        _draw(drone, mjtGeom.mjGEOM_CAPSULE, (thin, 0, 0), GREY, fromto=(0, 0, 0, *at))
+        _draw(
+            drone,
+            mjtGeom.mjGEOM_CYLINDER,
+            (propeller, thin / 2, 0.0),
+            (*(LIGHT[:3] if pitch > 0 else colour[:3]), 0.45),
+            pos=(at[0], at[1], 2 * thin),
+        )
+        site = f"{name}_rotor{number}"
+        drone.add_site(name=site, pos=at, group=4)
+        rotor = spec.add_actuator(
+            name=site,
+            trntype=mujoco.mjtTrn.mjTRN_SITE,
+            target=site,
+            gear=(0.0, 0.0, 1.0, 0.0, 0.0, spin * body.rotor_torque),
+            ctrllimited=True,
+            ctrlrange=(0.0, body.rotor_thrust),
+        )
+        if body.motor_lag:
+            rotor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+            rotor.dynprm[0] = body.motor_lag
+            rotor.actlimited, rotor.actrange = True, (0.0, body.rotor_thrust)
+
+
+def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float, colour: Colour) -> None:
+    body, wheel = rover.body, rover.body.wheel_radius
+    base = spec.worldbody.add_body(name=name, pos=(0.0, 0.0, wheel))
+    base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
+    clear, wheel_mass = 0.4 * wheel, 0.05 * body.mass
+    half = (body.height - clear) / 2
+    base.add_geom(  # heavy below, as its battery is
+        type=mjtGeom.mjGEOM_CYLINDER,
+        size=(body.radius, half, 0.0),
+        pos=(0.0, 0.0, clear + half - wheel),
+        mass=body.mass - 2 * wheel_mass,
+        rgba=colour,
+        contype=ROVER,
+        conaffinity=FLOOR | ROVER | DRONE,
+        friction=(0.2, 0.005, 0.0001),
+    )
+    top = body.height - wheel
+    _draw(base, mjtGeom.mjGEOM_CYLINDER, (0.6 * body.radius, 0.01, 0), LIGHT, pos=(0, 0, top))
+    nose = (0.75 * body.radius, 0.0, top + 0.005)  # tells where it looks
+    _draw(base, mjtGeom.mjGEOM_BOX, (0.2 * body.radius, 0.02, 0.012), LIGHT, pos=nose)
+    caster = 0.4 * wheel
+    for x in (0.8, -0.8):
+        # Contact friction is the larger of the pair's: without priority casters would drag.
+        base.add_geom(
+            type=mjtGeom.mjGEOM_SPHERE,
+            size=(caster, 0.0, 0.0),
+            pos=(x * body.radius, 0.0, caster - wheel),
+            mass=0.0,
+            condim=1,
+            priority=1,
+            rgba=GREY,
+            contype=ROVER,
+            conaffinity=FLOOR,
+        )
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        axle = base.add_body(
+            name=f"{name}_{side}", pos=(0.0, sign * body.wheel_separation / 2, 0.0)
+        )
+        axle.add_joint(name=f"{name}_{side}", axis=(0.0, 1.0, 0.0), damping=0.0)
+        # A sphere touches the floor in one point, as a wheel does, and is faster than a cylinder.
+        axle.add_geom(
+            type=mjtGeom.mjGEOM_SPHERE,
+            size=(wheel, 0.0, 0.0),
+            mass=wheel_mass,
+            friction=(friction, 0.005, 0.0001),
+            rgba=(0.0, 0.0, 0.0, 0.0),
+            contype=ROVER,
+            conaffinity=FLOOR,
+            group=3,
+        )
+        upright = (0.7071067811865476, 0.7071067811865476, 0.0, 0.0)
+        _draw(axle, mjtGeom.mjGEOM_CYLINDER, (wheel, 0.012, 0.0), GREY, quat=upright)
+        servo = spec.add_actuator(
+            name=f"{name}_{side}",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target=f"{name}_{side}",
+            forcelimited=True,
+            forcerange=(-body.wheel_torque, body.wheel_torque),
+        )
+        servo.set_to_velocity(kv=body.wheel_gain)
+
+
+def _draw(
+    body: mujoco.MjsBody,
+    kind: mjtGeom,
+    size: tuple[float, ...],
+    colour: Colour,
+    **where: tuple[float, ...],
+) -> None:
+    """A part that is seen and has neither mass nor contact."""
+    body.add_geom(type=kind, size=size, rgba=colour, contype=0, conaffinity=0, mass=0.0, **where)
+
+
+def _draw_room(
+    spec: MjSpec, size: float, goal: tuple[float, float, float], look: Look
+) -> None:
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.85, 0.89, 0.93),
+        rgb2=(0.55, 0.62, 0.70),
+        width=256,
+        height=256,
+    )
+    spec.add_texture(
+        name="floor",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=(0.93, 0.93, 0.91),
+        rgb2=(0.86, 0.87, 0.86),
+        width=256,
+        height=256,
+    )
+    floor = spec.add_material(name="floor", reflectance=0.0)
+    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
+    floor.texrepeat, floor.texuniform = (0.5, 0.5), True  # a square of the pattern is a metre
+    x, y, radius = goal
+    spec.worldbody.add_geom(
+        type=mjtGeom.mjGEOM_CYLINDER,
+        size=(radius, 0.002, 0.0),
+        pos=(x, y, 0.003),
+        rgba=look.goal,
+        contype=0,
+        conaffinity=0,
+    )
+    spec.worldbody.add_light(
+        pos=(size / 2, size / 2, 3 * size), dir=(0.15, 0.2, -1.0), castshadow=False,
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, diffuse=(0.7, 0.7, 0.7),
+    )
+    spec.visual.headlight.ambient = (0.35, 0.35, 0.35)
+    spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)
+    spec.visual.quality.offsamples = 0  # in software every sample is paid for
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 720

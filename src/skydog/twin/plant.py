@@ -1,0 +1,137 @@
+"""Bodies in simulated time: a batch of missions, what is true of them, and what moves them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from mujoco import batch
+
+from skydog.flight import autopilot
+from skydog.flight.autopilot import Motion
+from skydog.flight.profiles import UAV
+from skydog.twin.bodies import Bodies, attitudes
+
+DT = 0.005  # s: 200 Hz of the autopilot, whatever the physics' time step
+
+UPRIGHT = 0.5  # cosine of the tilt, at 60 degrees, from which a rover is upset
+FALLEN = 0.26  # cosine of 75 degrees: the drone will not recover (MRS UAV system's limit)
+LOW = 0.3  # m: a drone in a mission that is lower is down
+
+
+class Truth(NamedTuple):
+    """Where the bodies are in truth. Metres, radians."""
+
+    dogs: Float[np.ndarray, "batch dogs 3"]
+    attitude: Float[np.ndarray, "batch dogs 3"]
+    sheep: Float[np.ndarray, "batch sheep 2"]
+    yaw: Float[np.ndarray, "batch sheep"]
+
+
+class Plant:
+    """A batch of simulations, stepped on `threads` cores; the same for any number of them."""
+
+    def __init__(self, uav: UAV, bodies: Bodies, missions: int, threads: int):
+        self.uav, self.bodies = uav, bodies
+        self._batch = batch.Batch(bodies.model, missions, threads)
+        self._substeps = round(DT / bodies.model.opt.timestep)
+        self._qpos, self._qvel, self._ctrl = (
+            self._batch.bind(name) for name in ("qpos", "qvel", "ctrl")
+        )
+        self._applied = self._batch.bind("qfrc_applied")
+        self._dogs = bodies.dogs[:, None] + np.arange(7)
+        self._dog_speeds = bodies.dog_speeds[:, None] + np.arange(6)
+        self._sheep = bodies.sheep[:, None] + np.arange(7)
+        self._velocity = self._qvel[:, self._dog_speeds[:, :3]]
+        self._memory = autopilot.Memory(
+            np.zeros((missions, len(bodies.dogs), 3)), np.zeros((missions, len(bodies.dogs), 2))
+        )
+
+    def place(
+        self,
+        dogs: Float[np.ndarray, "batch dogs 3"],
+        sheep: Float[np.ndarray, "batch sheep 3"],
+        yaw: Float[np.ndarray, "batch sheep"],
+    ) -> None:
+        """Put all bodies somewhere, in metres, level and still; rovers turned to `yaw`."""
+        self._qvel[:] = 0.0
+        self._qpos[:, self._dogs[:, :3]] = dogs
+        self._qpos[:, self._dogs[:, 3:]] = (1.0, 0.0, 0.0, 0.0)
+        self._qpos[:, self._sheep[:, :3]] = sheep
+        zero = np.zeros_like(yaw)
+        turned = np.stack([np.cos(yaw / 2), zero, zero, np.sin(yaw / 2)], axis=-1)
+        self._qpos[:, self._sheep[:, 3:]] = turned
+
+    def truth(self) -> Truth:
+        """Where the bodies are."""
+        dogs, sheep = self._qpos[:, self._dogs], self._qpos[:, self._sheep]
+        w, x, y, z = np.moveaxis(sheep[..., 3:], -1, 0)
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return Truth(dogs[..., :3], attitudes(dogs[..., 3:]), sheep[..., :2], yaw)
+
+    def crashed(self) -> tuple[Bool[np.ndarray, " batch"], Bool[np.ndarray, " batch"]]:
+        """In which missions a rover is upset, and in which a drone is down."""
+        dogs, sheep = self._qpos[:, self._dogs], self._qpos[:, self._sheep]
+        upset = np.any(_upright(sheep) < UPRIGHT, axis=1)
+        down = np.any((dogs[..., 2] < LOW) | (_upright(dogs) < FALLEN), axis=1)
+        return upset, down
+
+    def carry(
+        self,
+        who: str,
+        position: Float[np.ndarray, "batch bodies 2"],
+        height: Float[np.ndarray, "batch dogs"],
+        flying: Int[np.ndarray, " flying"],
+    ) -> None:
+        """Put the "sheep" or the "dogs" of missions where an ideal body would be, level."""
+        places = self._sheep if who == "sheep" else self._dogs
+        speeds = self.bodies.sheep_speeds if who == "sheep" else self.bodies.dog_speeds
+        rows = flying[:, None, None]
+        self._qpos[rows, places[:, :2]] = position[flying]
+        self._qvel[rows, speeds[:, None] + np.arange(6)] = 0.0
+        if who == "dogs":
+            self._qpos[rows[..., 0], places[:, 2]] = height[flying]
+            self._qpos[rows, places[:, 3:]] = (1.0, 0.0, 0.0, 0.0)
+
+    def push(self, acceleration: Float[np.ndarray, "batch dogs 2"]) -> None:
+        """Let wind accelerate the drones by so many m/s², from now on."""
+        self._applied[:, self._dog_speeds[:, :2]] = self.uav.body.mass * acceleration
+
+    def drive(
+        self,
+        left: Float[np.ndarray, "batch sheep"],
+        right: Float[np.ndarray, "batch sheep"],
+    ) -> None:
+        """Let the rovers' wheels turn at so many rad/s, from now on."""
+        self._ctrl[:, self.bodies.wheels[:, 0]] = left
+        self._ctrl[:, self.bodies.wheels[:, 1]] = right
+
+    def step(
+        self,
+        velocity: Float[np.ndarray, "batch dogs 3"],
+        tilt: Float[np.ndarray, "batch dogs 2"] | None,
+        trim: Float[np.ndarray, "batch dogs 2"],
+        steps: int,
+        flying: Int[np.ndarray, " flying"] | None,
+    ) -> None:
+        """So many steps of the autopilot, in the missions that are `flying`.
+
+        The drones are commanded a velocity in m/s, or its part in the plane as a tilt in radians.
+        `trim` is by how much each takes itself to be level when it is not.
+        """
+        for _ in range(steps):
+            moves = self._qvel[:, self._dog_speeds]
+            attitude = attitudes(self._qpos[:, self._dogs[:, 3:]])
+            attitude[..., :2] -= trim
+            speed = moves[..., :3]
+            motion = Motion(speed, (speed - self._velocity) / DT, attitude, moves[..., 3:])
+            self._velocity = speed
+            self._memory, thrust = autopilot.rotors(
+                self.uav, self._memory, motion, velocity, tilt, DT
+            )
+            self._ctrl[:, self.bodies.rotors] = thrust
+            self._batch.step(flying, nstep=self._substeps)
+
+
+def _upright(body: Float[np.ndarray, "batch bodies 7"]) -> Float[np.ndarray, "batch bodies"]:
+    """The cosine of a body's tilt, from its position and quaternion."""
+    return 1.0 - 2.0 * (body[..., 4] ** 2 + body[..., 5] ** 2)

@@ -1,0 +1,88 @@
+"""Starts that can be flown: rovers that do not overlap, and a clear pad for every drone.
+
+Of random starts rovers overlap in one of seven, and a drone would take off beside a rover in one
+of fourteen: those are drawn anew.
+"""
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from skydog.errors import Refusal
+from skydog.flight.profiles import UAV, Rover
+from skydog.study import cases
+from skydog.world.params import World
+from skydog.world.state import State
+
+ROOM = 0.03  # m between bodies
+CLEAR = 0.15  # m more between a drone's pad and a rover, which its take-off may meet
+DRAWS = 1000  # times as many as are asked for, at most
+
+FlyableStarts = Literal["paper", "spaced"]
+"""The paper's fixed sheep, or sheep drawn as `random` ones; both drawn anew until they can fly."""
+
+
+def flyable(
+    starts: State, uav: UAV, rover: Rover
+) -> tuple[Bool[np.ndarray, " cases"], Bool[np.ndarray, " cases"]]:
+    """In which starts no rovers overlap, and in which all pads are clear."""
+    sheep, dogs = (np.asarray(who, float) for who in (starts.sheep, starts.dogs))
+    apart = 2 * rover.body.radius + ROOM
+    clear = rover.body.radius + uav.body.radius + CLEAR
+    spaced = _nearest(sheep, sheep) >= apart
+    pads = (_nearest(dogs, sheep) >= clear) & (_nearest(dogs, dogs) >= 2 * uav.body.radius + ROOM)
+    return spaced, pads
+
+
+def check(starts: State, uav: UAV, rover: Rover) -> None:
+    """Raise `Refusal` for a start that cannot be flown."""
+    spaced, pads = flyable(starts, uav, rover)
+    for fits, what in ((spaced, "rovers overlap"), (pads, "a drone's pad is not clear")):
+        if not fits.all():
+            raise Refusal(
+                f"in start {int(np.argmin(fits))} {what}, which cannot be flown; "
+                "draw starts with skydog.twin.starts.draw, or use --starts spaced"
+            )
+
+
+def draw(
+    world: World,
+    count: int,
+    kind: FlyableStarts,
+    uav: UAV,
+    rover: Rover,
+    seed: int = 0,
+    sheep: int = 3,
+    dogs: int = 1,
+) -> State:
+    """`count` starts that can be flown: the same for the same arguments. Raises `Refusal`."""
+    sort = "random" if kind == "spaced" else kind
+    found: list[State] = []
+    want = count
+    for batch in range(DRAWS):
+        drawn = cases.cases(world, max(2 * count, 32), sort, seed + 1_000_003 * batch, sheep, dogs)
+        spaced, pads = flyable(drawn, uav, rover)
+        fits = np.flatnonzero(spaced & pads)[:want]
+        found.append(jax.tree.map(lambda leaf, fits=fits: leaf[fits], drawn))
+        want -= len(fits)
+        if want == 0:
+            return jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
+        if batch >= 20 and want == count:
+            break
+    raise Refusal(
+        f"{sheep} rovers of {2 * rover.body.radius:g} m do not find room to start in an arena of "
+        f"{float(world.arena.size):g} m; try a larger --arena"
+    )
+
+
+def _nearest(
+    some: Float[np.ndarray, "cases some 2"], others: Float[np.ndarray, "cases others 2"]
+) -> Float[np.ndarray, " cases"]:
+    """The distance in metres between the two nearest of two groups, a body itself left out."""
+    away = np.linalg.norm(some[:, :, None] - others[:, None], axis=-1)
+    if some is others:
+        away = away + np.where(np.eye(some.shape[1], dtype=bool), np.inf, 0.0)
+    return away.min(axis=(1, 2))
