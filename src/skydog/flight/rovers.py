@@ -40,16 +40,15 @@ def track(
     rover: Rover,
     pose: Pose,
     setpoint: Float[np.ndarray, "*batch sheep 2"],
-    velocity: Float[np.ndarray, "*batch sheep 2"],
     speed: float | Float[np.ndarray, "*batch sheep"],
 ) -> Twist:
-    """Follow a set-point, in metres, that moves at `velocity` in m/s; no faster than `speed`.
+    """Follow a set-point, in metres, no faster than `speed` in m/s.
 
     The velocity of the point that is `steered` is linearised: v along the heading, and across it
     ω times its distance from the axle.
     """
     loop = rover.tracking
-    wanted = velocity + loop.gain * (setpoint - steered(rover, pose))
+    wanted = loop.gain * (setpoint - steered(rover, pose))
     size = np.hypot(wanted[..., 0], wanted[..., 1])
     wanted = wanted * np.minimum(1.0, speed / np.maximum(size, 1e-9))[..., None]
     cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)

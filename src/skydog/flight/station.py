@@ -19,8 +19,14 @@ DT = 0.01  # s: motion capture's 100 Hz (paper, Section "Environment and Control
 LEASH = 0.6  # m: a drone's set-point is never further ahead when it is decided; ours
 LEVEL = 0.6  # m by which each further drone flies above the one before; ours
 
-Steering = Literal["track", "turn"]
-"""How rovers obey a force: `skydog.flight.rovers.track`, or `turn_then_drive`."""
+Steering = Literal["reference", "track", "turn"]
+"""How rovers obey a force.
+
+`reference` and `track` integrate it to a set-point and follow that (`rovers.track`). Of `reference`
+the set-points are the flock: everything is decided on them, and rovers follow within their leash.
+Of `track` the flock is where the rovers are seen. `turn` turns to the force and drives
+(`rovers.turn_then_drive`), as the paper reads.
+"""
 
 
 class Station(NamedTuple):
@@ -101,6 +107,13 @@ def pose(memory: Memory) -> Pose:
     return Pose(memory.sheep.position, memory.yaw.position[..., 0])
 
 
+def flock(station: Station, memory: Memory) -> Float[np.ndarray, "*batch sheep 2"]:
+    """Where the flock is, in metres, for whoever decides."""
+    if station.steering == "reference":
+        return setpoints.at(memory.sheep_setpoint, station.period)
+    return memory.sheep.position
+
+
 def waiting(station: Station, memory: Memory) -> Bool[np.ndarray, "*batch dogs"]:
     """Which drones are still on their way to a waypoint that the next one waits for."""
     here = memory.dogs.position[..., :2]
@@ -144,7 +157,7 @@ def act(
     error = setpoints.at(memory.dog_setpoint, elapsed) - here.position[..., :2]
     lag, level = sni.step(loop, memory.lag, error, DT)
     trim = sni.trim(loop, memory.trim, error, DT)
-    level = memory.dog_setpoint.velocity + level + trim
+    level = level + trim
     size = np.hypot(level[..., :1], level[..., 1:])
     most = station.uav.velocity.largest
     level = level * np.minimum(1.0, most / np.maximum(size, most))
@@ -165,11 +178,12 @@ def act(
 
 
 def _steer(station: Station, memory: Memory, elapsed: float) -> tuple[YawMemory, Twist]:
-    at, velocity = pose(memory), memory.sheep_setpoint.velocity
+    at = pose(memory)
     if station.steering == "turn":
+        velocity = memory.sheep_setpoint.velocity
         return rovers.turn_then_drive(station.rover, memory.steered, at, velocity, DT)
     goal = setpoints.at(memory.sheep_setpoint, elapsed)
-    return memory.steered, rovers.track(station.rover, at, goal, velocity, station.speed)
+    return memory.steered, rovers.track(station.rover, at, goal, station.speed)
 
 
 def _within(setpoint: Setpoint, bounds: tuple[float, float], dt: float) -> Setpoint:

@@ -45,7 +45,7 @@ class Twin:
     rovers: str = "kobuki"
     disturb: str | Disturbances = "none"
     wait: float | None = None
-    steering: Steering = "track"
+    steering: Steering = "reference"
     ideal: frozenset[str] = frozenset()  # bodies, "sheep" or "dogs", that move as decided
     threads: int = 0
     timestep: float = bodies.TIMESTEP  # s, of the physics
@@ -171,7 +171,7 @@ class Flight:
         """What is decided on what is seen, and which missions are accomplished in truth."""
         memory = self.memory
         seen = State(
-            sheep=jnp.asarray(memory.sheep.position, jnp.float32),
+            sheep=jnp.asarray(station.flock(self.station, memory), jnp.float32),
             dogs=jnp.asarray(memory.dogs.position[..., :2], jnp.float32),
             force=jnp.asarray(self.force),
         )
@@ -313,7 +313,9 @@ def _decide(
 ) -> tuple[Decision, Bool[Array, " batch"]]:
     """`mission.decide` on what is seen, with the world's own noise; and whether all are home."""
 
-    def one(seen: State, real: State, key: PRNGKeyArray | None):
+    def one(
+        seen: State, real: State, key: PRNGKeyArray | None
+    ) -> tuple[Decision, Bool[Array, ""]]:
         for_sheep, shown = None, seen
         error = 0.0
         if key is not None:
@@ -324,7 +326,8 @@ def _decide(
         decided = replace(decided, velocity=decided.velocity + error)
         return decided, mission.accomplished(world, real)
 
-    return jax.vmap(one, in_axes=(0, 0, None if keys is None else 0))(seen, real, keys)
+    keyed = None if keys is None else 0
+    return jax.vmap(one, in_axes=(0, 0, keyed))(seen, real, keys)
 
 
 def _hold(before: Record, now: Record, stood: Bool[np.ndarray, " batch"]) -> Record:
