@@ -19,10 +19,11 @@ from skydog.commands.replay import replay
 from skydog.commands.reproduce import reproduce
 from skydog.commands.test import test
 from skydog.commands.train import train
+from skydog.commands.twin import twin
 from skydog.commands.watch import watch
 from skydog.errors import Refusal
 
-COMMANDS = (herd, train, test, reproduce, replay, watch, export, presets)
+COMMANDS = (herd, train, test, twin, reproduce, replay, watch, export, presets)
 CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
 
 

@@ -50,9 +50,70 @@ def say_over(traces: "Trace") -> None:
         say(f"{over} of {count} missions are accomplished at the start; try --starts anywhere")
 
 
+def say_endings(traces: "Trace") -> None:
+    """Say how missions, stacked along the first axis, ended, if not all were accomplished."""
+    from skydog.world.trace import ACCOMPLISHED, ENDINGS
+
+    if traces.ending is None:
+        return
+    ways = [int(way) for way in traces.ending.how]
+    for way in sorted(set(ways) - {ACCOMPLISHED}):
+        case = ways.index(way)
+        say(f"{ways.count(way)} of {len(ways)} missions ended {ENDINGS[way]!r}; so did case {case}")
+
+
+def film(path: Path, trace: "Trace", profile: str, rovers: str) -> None:
+    """Write a film of one mission of the twin, and tell its progress."""
+    from skydog.twin import film as films
+
+    with Progress(console=progress_console, transient=True) as bars:
+        row = bars.add_task("film")
+        films.save(
+            path,
+            trace,
+            profile,
+            rovers,
+            progress=lambda done, whole: bars.update(row, completed=done, total=whole),
+        )
+    say(f"The film is {path}.")
+
+
 def track(text: str, things: Iterable[Thing]) -> Iterator[Thing]:
     """Go through things, and show how many are done and how long the others will take."""
     yield from rich_track(list(things), text, console=progress_console, transient=True)
+
+
+class Missions:
+    """The progress of missions that are flown together: how many are over, and at which step."""
+
+    def __init__(self, missions: int, name: str = "missions"):
+        self._bars = Progress(
+            TextColumn("{task.description}"),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[message]}"),
+            console=progress_console,
+            refresh_per_second=4,
+            transient=True,
+        )
+        self._count = missions
+        self._row = self._bars.add_task(name, total=missions, message="taking off")
+
+    def __enter__(self) -> "Missions":
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        self._bars.stop()
+
+    def update(self, step: int, over: int) -> None:
+        """Show a step, and how many missions are over by then."""
+        message = f"step {step}, {over} of {self._count} are over"
+        self._bars.update(self._row, completed=over, message=message)
 
 
 class TrainingBars:

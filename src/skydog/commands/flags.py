@@ -15,6 +15,7 @@ STOPPED = 130  # what a shell says of a command that Ctrl-C ended
 Out = Annotated[Path, arg(metavar="FOLDER")]
 MaybeOut = Annotated[Path | None, arg(metavar="FOLDER")]
 Preset = Annotated[str, arg(metavar="NAME")]
+MaybePreset = Annotated[str | None, arg(metavar="NAME")]
 Arena = Annotated[float, arg(metavar="METRES")]
 MaybeArena = Annotated[float | None, arg(metavar="METRES")]
 OwnWorld = Annotated[str | None, arg(metavar="FILE.py:NAME")]
@@ -70,6 +71,6 @@ def world_of(
 
 
 def one_world(preset: str, own: str | None) -> None:
-    """Raise `Refusal` for a preset and a world of one's own at once."""
+    """Raise `Refusal` for a preset and a world of one's own at once; `paper` may be a default."""
     if own is not None and preset != "paper":
         raise Refusal(f"--preset {preset} and --world {own} are two worlds; leave one of them out")

@@ -83,7 +83,7 @@ def rotors(
     rate = (tilted - memory.tilt) / dt
     angular = np.empty_like(motion.attitude)
     angular[..., :2] = loop.gain * (tilted - motion.attitude[..., :2]) + loop.damping * (
-        rate - motion.rates[..., :2]
+        loop.lead * rate - motion.rates[..., :2]
     )
     angular[..., 2] = loop.yaw_gain * (-yaw * loop.yaw_gain / 4.0 - motion.rates[..., 2])
     climb = uav.velocity

@@ -12,7 +12,18 @@ from skydog.errors import Refusal
 
 LARGEST_FILE = 1 << 16  # bytes
 LARGEST = 1e4  # of any number; none is negative
-MAY_BE_ZERO = {"motor_lag", "drag", "damping", "climb_damping", "delay", "noise", "drift", "trim"}
+MAY_BE_ZERO = {
+    "motor_lag",
+    "drag",
+    "damping",
+    "climb_damping",
+    "delay",
+    "noise",
+    "drift",
+    "trim",
+    "lead",
+    "feedforward",
+}
 
 Profile = TypeVar("Profile", "UAV", "Rover")
 
@@ -38,6 +49,7 @@ class Attitude:
 
     gain: float  # 1/s²
     damping: float  # 1/s
+    lead: float  # share of the commanded tilt's own rate that damping sees
     yaw_gain: float  # 1/s, of the yaw rate
     largest: float  # rad of tilt that may be commanded
     largest_rate: float  # rad/s at which the commanded tilt may change
@@ -47,7 +59,9 @@ class Attitude:
 class Velocity:
     """The velocity loop: acceleration = gain × error + damping × its rate."""
 
-    on_board: bool  # the drone is commanded velocities; else tilt, and the base station has the loop
+    on_board: (
+        bool  # the drone is commanded velocities; else tilt, and the base station has the loop
+    )
     gain: float  # 1/s
     damping: float
     climb_gain: float  # 1/s
@@ -60,6 +74,7 @@ class Velocity:
 class Position:
     """The position loop: SNI, N(s) = Γ / (s + ΓΦ) - Δ, and the trim estimator."""
 
+    feedforward: float  # share of the set-point's own velocity
     gamma: float  # Γ, 1/s
     phi: float  # Φ, s
     delta: float  # Δ, 1/s
@@ -206,9 +221,7 @@ def _filled(path: str, form: Any, table: dict[str, Any], place: str) -> Any:
     for name in sorted(named ^ set(table)):
         does = "does not know" if name in table else "lacks"
         raise Refusal(f"{path} {does} {place + name!r:.80}; see those that ship, such as kobuki")
-    values = {
-        name: _value(path, hints[name], value, place + name) for name, value in table.items()
-    }
+    values = {name: _value(path, hints[name], value, place + name) for name, value in table.items()}
     for name, value in values.items():
         if not isinstance(value, bool) and value in (0.0, (0.0,) * 3) and name not in MAY_BE_ZERO:
             raise Refusal(f"{path} has {place}{name} = 0; it must be larger")

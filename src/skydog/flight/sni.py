@@ -52,4 +52,3 @@ def coefficients(loop: Position | Yaw) -> tuple[list[float], list[float]]:
     """N(s) as numerator and denominator, highest power first, for a library of control theory."""
     pole = loop.gamma * loop.phi
     return [-loop.delta, loop.gamma - loop.delta * pole], [1.0, pole]
-

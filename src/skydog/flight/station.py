@@ -4,13 +4,14 @@ A hundred times a second `see` and `act`; at every decision `take` the set-point
 Pure functions of a memory: the twin calls them in simulated time.
 """
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from skydog.flight import altitude, autopilot, estimate, rovers, setpoints, sni
 from skydog.flight.estimate import Estimate
+from skydog.flight.options import Steering
 from skydog.flight.profiles import UAV, Rover
 from skydog.flight.rovers import Pose, Twist, YawMemory
 from skydog.flight.setpoints import Setpoint
@@ -18,15 +19,6 @@ from skydog.flight.setpoints import Setpoint
 DT = 0.01  # s: motion capture's 100 Hz (paper, Section "Environment and Control Network Setups")
 LEASH = 0.6  # m: a drone's set-point is never further ahead when it is decided; ours
 LEVEL = 0.6  # m by which each further drone flies above the one before; ours
-
-Steering = Literal["reference", "track", "turn"]
-"""How rovers obey a force.
-
-`reference` and `track` integrate it to a set-point and follow that (`rovers.track`). Of `reference`
-the set-points are the flock: everything is decided on them, and rovers follow within their leash.
-Of `track` the flock is where the rovers are seen. `turn` turns to the force and drives
-(`rovers.turn_then_drive`), as the paper reads.
-"""
 
 
 class Station(NamedTuple):
@@ -157,7 +149,7 @@ def act(
     error = setpoints.at(memory.dog_setpoint, elapsed) - here.position[..., :2]
     lag, level = sni.step(loop, memory.lag, error, DT)
     trim = sni.trim(loop, memory.trim, error, DT)
-    level = level + trim
+    level = loop.feedforward * memory.dog_setpoint.velocity + level + trim
     size = np.hypot(level[..., :1], level[..., 1:])
     most = station.uav.velocity.largest
     level = level * np.minimum(1.0, most / np.maximum(size, most))

@@ -6,6 +6,9 @@ from typing import Any, Literal
 Starts = Literal["paper", "random", "anywhere"]
 """How starts are drawn, see `skydog.study.cases.cases`."""
 
+FlyableStarts = Literal["paper", "spaced"]
+"""How starts for bodies with physics are drawn: as `paper` or `random`, until they can be flown."""
+
 ShippedStarts = Literal["paper", "random"]
 """The sets of starts that ship as fixed cases, see `skydog.study.cases.shipped`."""
 

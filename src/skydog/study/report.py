@@ -97,6 +97,34 @@ def table(rows: list[Row]) -> Table:
     return drawn
 
 
+# The metrics of the paper's "Evaluation Metrics" and ours, by name: how a column calls each, and
+# its digits.
+METRICS = {
+    "cumulative_reward": ("cumulative reward", ".1f"),
+    "steps_gcm": ("steps (GCM)", ".0f"),
+    "distance": ("distance (m)", ".1f"),
+    "error_per_step": ("error a step (m)", ".3f"),
+    "dog_to_subgoal": ("dog to subgoal (m)", ".2f"),
+    "centre_to_target": ("centre to target, gained a step (m)", ".4f"),
+    "turn": ("turn a step (°)", ".0f"),
+}
+
+
+def metrics_table(results: dict[str, Any]) -> Table:
+    """Every metric of each scenario, a line a metric, for a terminal."""
+    drawn = Table(
+        box=SIMPLE_HEAD, show_edge=False, caption=HOW_TO_READ, caption_justify="left", padding=0
+    )
+    drawn.add_column("")
+    lines = {"steps": ("steps", ".0f"), **METRICS}
+    for name in results:
+        drawn.add_column(name, justify="right")
+    drawn.add_row("success", *(share(row["success"], row["cases"]) for row in results.values()))
+    for metric, (title, form) in lines.items():
+        drawn.add_row(title, *(figure(row[metric], form) for row in results.values()))
+    return drawn
+
+
 def markdown(rows: list[Row]) -> str:
     """The results as a Markdown table."""
     return markdown_table(COLUMNS, [cells(row) for row in rows])

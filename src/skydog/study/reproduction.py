@@ -5,7 +5,7 @@ from typing import Any
 
 from skydog.study import report, transfer
 from skydog.study.claims import ALL_SCALES, FOLDED, ONE_SCALE
-from skydog.study.report import Row, figure, html_table, markdown_table, share
+from skydog.study.report import METRICS, Row, figure, html_table, markdown_table, share
 
 # The lines of the transfer study.
 SCALED = "H-DDPG-4x4 through ξ"
@@ -24,15 +24,6 @@ FIGURES = {  # by caption: the name of its file
     "lessons and reward as ours": "learning_curves",
     "The same with the paper's lessons and reward, at most 0.1, for as many steps; episodes grow "
     "long, and so are few": "learning_curves_paper",
-}
-METRICS = {  # by name: how a column calls it, and its digits
-    "cumulative_reward": ("cumulative reward", ".1f"),
-    "steps_gcm": ("steps (GCM)", ".0f"),
-    "distance": ("distance (m)", ".1f"),
-    "error_per_step": ("error a step (m)", ".3f"),
-    "dog_to_subgoal": ("dog to subgoal (m)", ".2f"),
-    "centre_to_target": ("centre to target, gained a step (m)", ".4f"),
-    "turn": ("turn a step (°)", ".0f"),
 }
 MORE = {"steps": ".0f", "steps_gcm": ".0f", "distance": ".1f"}
 

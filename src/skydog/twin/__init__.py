@@ -10,9 +10,7 @@ try:
     import mujoco as _mujoco  # noqa: F401 - whoever imports the twin gets this one line
     from mujoco import batch as _batch  # noqa: F401
 except ImportError:
-    raise Refusal(
-        "the twin needs MuJoCo 4.0 or newer; run: pip install 'skydog[twin]'"
-    ) from None
+    raise Refusal("the twin needs MuJoCo 4.0 or newer; run: pip install 'skydog[twin]'") from None
 
 from skydog.twin.disturbances import DISTURBANCES, Disturbances
 from skydog.twin.missions import Twin

@@ -262,9 +262,7 @@ def _draw(
     body.add_geom(type=kind, size=size, rgba=colour, contype=0, conaffinity=0, mass=0.0, **where)
 
 
-def _draw_room(
-    spec: MjSpec, size: float, goal: tuple[float, float, float], look: Look
-) -> None:
+def _draw_room(spec: MjSpec, size: float, goal: tuple[float, float, float], look: Look) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -296,8 +294,11 @@ def _draw_room(
         conaffinity=0,
     )
     spec.worldbody.add_light(
-        pos=(size / 2, size / 2, 3 * size), dir=(0.15, 0.2, -1.0), castshadow=False,
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, diffuse=(0.7, 0.7, 0.7),
+        pos=(size / 2, size / 2, 3 * size),
+        dir=(0.15, 0.2, -1.0),
+        castshadow=False,
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=(0.7, 0.7, 0.7),
     )
     spec.visual.headlight.ambient = (0.35, 0.35, 0.35)
     spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)

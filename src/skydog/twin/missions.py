@@ -6,7 +6,7 @@ of it what drones and rovers are commanded, and physics does the rest.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,8 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from skydog.errors import Refusal
 from skydog.flight import altitude, profiles, rovers, setpoints, station
-from skydog.flight.station import DT, Frame, Station, Steering
+from skydog.flight.options import Steering
+from skydog.flight.station import DT, Frame, Station
 from skydog.twin import bodies, plant
 from skydog.twin import starts as pads
 from skydog.twin.disturbances import DISTURBANCES, Disturbances
@@ -49,7 +50,8 @@ class Twin:
     ideal: frozenset[str] = frozenset()  # bodies, "sheep" or "dogs", that move as decided
     threads: int = 0
     timestep: float = bodies.TIMESTEP  # s, of the physics
-    progress: Callable[[int, int], None] | None = None  # told the steps flown, of how many
+    # Told the step, and how many missions are over by then.
+    progress: Callable[[int, int], None] | None = None
 
     def __call__(
         self,
@@ -151,7 +153,7 @@ class Flight:
             record = self._record(truth, decided, done, over)
             records.append(_hold(records[-1], record, stood) if records else record)
             if self.twin.progress is not None:
-                self.twin.progress(now, self.steps)
+                self.twin.progress(now, int(over.sum()))
             if over.all():
                 break
             self._advance(decided, np.flatnonzero(~over), now)
@@ -313,9 +315,7 @@ def _decide(
 ) -> tuple[Decision, Bool[Array, " batch"]]:
     """`mission.decide` on what is seen, with the world's own noise; and whether all are home."""
 
-    def one(
-        seen: State, real: State, key: PRNGKeyArray | None
-    ) -> tuple[Decision, Bool[Array, ""]]:
+    def one(seen: State, real: State, key: PRNGKeyArray | None) -> tuple[Decision, Bool[Array, ""]]:
         for_sheep, shown = None, seen
         error = 0.0
         if key is not None:

@@ -19,7 +19,9 @@ class Drawn(NamedTuple):
     dogs: Float[np.ndarray, "batch dogs 3"]  # standard normal
     sheep: Float[np.ndarray, "batch sheep 3"]
     gust: Float[np.ndarray, "batch dogs 2"]
-    chance: Float[np.ndarray, "batch bodies 2"]  # uniform from 0 to 1: of being seen, of being heard
+    chance: Float[
+        np.ndarray, "batch bodies 2"
+    ]  # uniform from 0 to 1: of being seen, of being heard
     shaken: Float[np.ndarray, "batch dogs 3"]  # uniform from -1 to 1
 
 

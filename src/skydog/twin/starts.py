@@ -4,25 +4,21 @@ Of random starts rovers overlap in one of seven, and a drone would take off besi
 of fourteen: those are drawn anew.
 """
 
-from typing import Literal
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from skydog.errors import Refusal
 from skydog.flight.profiles import UAV, Rover
 from skydog.study import cases
+from skydog.study.options import FlyableStarts
 from skydog.world.params import World
 from skydog.world.state import State
 
 ROOM = 0.03  # m between bodies
 CLEAR = 0.15  # m more between a drone's pad and a rover, which its take-off may meet
 DRAWS = 1000  # times as many as are asked for, at most
-
-FlyableStarts = Literal["paper", "spaced"]
-"""The paper's fixed sheep, or sheep drawn as `random` ones; both drawn anew until they can fly."""
 
 
 def flyable(

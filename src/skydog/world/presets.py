@@ -78,6 +78,18 @@ def paper_literal(arena: float = 4.0, sheep: int = 3) -> World:
     return replace(world, flock=LiteralFlock(**vars(world.flock)))
 
 
+def paper_physical(arena: float = 6.0, sheep: int = 3) -> World:
+    """The `paper` preset as its Section "Evaluating on physical system" has it: dt is 0.2 s."""
+    world = paper(arena, sheep)
+    return replace(
+        world,
+        arena=replace(world.arena, dt=0.2),  # paper, "Testing"
+        # Ours: a room of 6 m has no 1.4 m to spare beyond it. With none at all, a dog cannot get
+        # behind a sheep at the wall.
+        dog=replace(world.dog, airspace=0.2),
+    )
+
+
 def strombom2014(arena: float = 150.0, sheep: int = 3) -> World:
     """Strömbom et al. 2014 (J. R. Soc. Interface 11), for a flock of any size.
 
@@ -135,6 +147,7 @@ PRESETS: dict[str, Callable[..., World]] = {
     "paper": paper,
     "paper-w05": paper_w05,
     "paper-literal": paper_literal,
+    "paper-physical": paper_physical,
     "strombom2014": strombom2014,
     "strombom2014-sqrt": strombom2014_sqrt,
 }
@@ -196,6 +209,14 @@ def with_nearness(world: World, nearness: float) -> World:
             f"nearness is a share from 0 to {MOST_NEAR:g}, got {nearness}; try --nearness 1"
         )
     return replace(world, dog=replace(world.dog, nearness=float(nearness)))
+
+
+def at_speed(world: World, share: float) -> World:
+    """The world in which dogs and sheep move at a share of their speed. Raises `Refusal`."""
+    if not 0.0 < share <= 1.0:
+        raise Refusal(f"speed is a share larger than 0 and at most 1, got {share}; try --speed 0.5")
+    dog = replace(world.dog, speed=share * world.dog.speed)
+    return replace(world, dog=dog, sheep=replace(world.sheep, speed=share * world.sheep.speed))
 
 
 def furthest_first(world: World) -> World:

@@ -1,0 +1,143 @@
+"""`skydog twin`: fly a shepherd in the physics twin, and print how good it is."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import Positional, arg
+
+from skydog.commands.flags import (
+    Goal,
+    GoalRadius,
+    Json,
+    MaybeArena,
+    MaybeOut,
+    MaybePreset,
+    MaybeSheep,
+    OwnWorld,
+    one_world,
+    own_sheep,
+    world_of,
+)
+from skydog.errors import Refusal
+from skydog.flight.options import Steering
+from skydog.shepherds.options import AtPoint
+from skydog.study.options import FlyableStarts
+
+if TYPE_CHECKING:
+    from skydog.world.trace import Trace
+
+MOST_STEPS = 100_000  # of a mission: hours of simulated time
+
+
+def twin(
+    shepherd: Positional[Annotated[str, arg(metavar="SHEEPDOG|strombom")]],
+    preset: MaybePreset = None,
+    world: OwnWorld = None,
+    arena: MaybeArena = None,
+    goal: Goal = None,
+    goal_radius: GoalRadius = None,
+    sheep: MaybeSheep = None,
+    dogs: int = 1,
+    profile: Annotated[str, arg(metavar="NAME|FILE.toml")] = "tum-simulator",
+    rovers: Annotated[str, arg(metavar="NAME|FILE.toml")] = "kobuki",
+    disturb: Annotated[str, arg(metavar="NAME")] = "none",
+    wait: Annotated[float | None, arg(metavar="METRES")] = None,
+    steering: Steering = "reference",
+    starts: FlyableStarts = "spaced",
+    cases: int = 30,
+    seed: int = 0,
+    speed: Annotated[float, arg(metavar="SHARE")] = 1.0,
+    steps: int = 1000,
+    at_point: AtPoint = "constant",
+    threads: int = 0,
+    out: MaybeOut = None,
+    video: Annotated[Path | None, arg(metavar="FILE.mp4")] = None,
+    as_json: Json = False,
+) -> int:
+    """Fly a shepherd in the physics twin: a quadrotor and rovers with wheels, in MuJoCo.
+
+    Drones take off from the floor, controllers fly what the shepherd decides, and rovers drive where
+    their flock's law sends them. A crash ends a mission, which has then failed.
+
+    Example: skydog twin h-ddpg-6x6 --profile ardrone2 --disturb lab --speed 0.17 --video flight.mp4
+
+    Args:
+        shepherd: A sheepdog's file, run folder or name, or the rule dog, strombom.
+        preset: The world of the missions, paper-physical if not given; see skydog presets.
+        world: Your own world instead: the name of a world, or of a function of arena and sheep,
+            in a Python file, which is run. See docs/own.md.
+        arena: Side of the arena in metres; the world's own if not given.
+        goal: The goal's place in metres, such as 4,4; the world's own if not given.
+        goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
+        sheep: Rovers in the flock; as many as the world has if not given, 3 in a preset.
+        dogs: Drones, which all fly the same shepherd, each at a height of its own.
+        profile: The drone: tum-simulator, ardrone2, crazyflie, or a file like theirs.
+        rovers: The rovers: kobuki, or a file like it.
+        disturb: What goes wrong: none, mild or lab.
+        wait: Take the next set-point only once the drone is so near to the last one, as in the
+            paper's laboratory; at every step if not given.
+        steering: How rovers obey a force: follow the reference flock that it moves, track a
+            set-point of their own, or turn to it and then drive.
+        starts: `spaced` draws the rovers opposite the goal, `paper` has them where the paper's
+            cases do; both are drawn anew until rovers do not overlap and pads are clear.
+        cases: How many missions.
+        seed: Random seed of the starts and of what goes wrong.
+        speed: Dogs and sheep move at this share of the world's speeds. The paper's laboratory
+            flew at about a sixth.
+        steps: Maximum steps per mission; one that is not over by then has failed.
+        at_point: Whether strombom keeps its speed at its point, or stops there.
+        threads: Cores to fly on, 0 for all. The results do not depend on it.
+        out: Where to write results.json and a trace per mission, if given.
+        video: Where to write a film of the first mission, if given.
+        as_json: Print the results as JSON instead of a table.
+    """
+    import jax
+
+    from skydog.commands import console
+    from skydog.commands.test import run
+    from skydog.flight import profiles
+    from skydog.shepherds import scope, store
+    from skydog.shepherds.strombom import Strombom
+    from skydog.study import evaluate, report
+    from skydog.twin import Twin
+    from skydog.twin import starts as draws
+    from skydog.world import loading, presets
+
+    if preset is not None:
+        one_world(preset, world)
+    chosen = preset or ("paper-physical" if world is None else "paper")
+    sheep = own_sheep(world, sheep)
+    where = world_of(chosen, world, arena, sheep, dogs, goal, goal_radius)
+    where = presets.at_speed(where, speed)
+    for name, value, most in (("cases", cases, 100_000), ("steps", steps, MOST_STEPS)):
+        if not 1 <= value <= most:
+            raise Refusal(f"there are 1 to {most:,} {name}, got {value}; try --{name} 30")
+    if wait is not None and not 0.0 < wait < float("inf"):
+        raise Refusal(f"a waypoint's tolerance is a length in metres, got {wait}; try --wait 0.1")
+    if video is not None and video.suffix != ".mp4":
+        raise Refusal(f"a film is written as MP4, got {video}; try --video {video.stem}.mp4")
+    rule = shepherd == "strombom"
+    steers, card = (Strombom(at_point=at_point), {}) if rule else store.read(shepherd)
+    console.say_beyond(shepherd, scope.beyond(card, where, sheep))
+    uav, rover = profiles.uav(profile), profiles.rover(rovers)
+    drawn = draws.draw(where, cases, starts, uav, rover, seed, sheep, dogs)
+    name = f"{evaluate.scenario(steers, where)}-{uav.name}"
+    if world is not None:
+        name += f"-{loading.title(world)}"
+    with console.Missions(cases) as bar:
+        fly = Twin(profile, rovers, disturb, wait, steering, threads=threads, progress=bar.update)
+        kept: list[Trace] = []
+
+        def flown(*mission: Any) -> "Trace":
+            kept.append(fly(*mission))
+            return kept[0]
+
+        results = run(name, steers, where, drawn, steps, jax.random.key(seed), out, flown)
+    console.say_endings(kept[0])
+    if as_json:
+        console.show(results, as_json)
+    else:
+        console.print_table(report.metrics_table(results))
+    if video is not None:
+        console.film(video, evaluate.one_case(kept[0], 0), profile, rovers)
+    return 0
