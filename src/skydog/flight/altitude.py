@@ -10,7 +10,7 @@ GAIN = 1.5  # 1/s, of the altitude
 
 
 def climb(
-    uav: UAV, altitude: Float[np.ndarray, "*batch"], height: float
+    uav: UAV, altitude: Float[np.ndarray, "*batch"], height: Float[np.ndarray, "*batch"] | float
 ) -> Float[np.ndarray, "*batch"]:
     """The climb rate in m/s that brings a drone to `height` metres and holds it there."""
     most = uav.velocity.largest_climb

@@ -40,7 +40,7 @@ def track(
     rover: Rover,
     pose: Pose,
     setpoint: Float[np.ndarray, "*batch sheep 2"],
-    speed: float | Float[np.ndarray, "*batch sheep"],
+    speed: float | Float[np.ndarray, "..."],
 ) -> Twist:
     """Follow a set-point, in metres, no faster than `speed` in m/s.
 

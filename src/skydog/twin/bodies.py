@@ -1,5 +1,6 @@
 """The bodies in MuJoCo: quadrotors with four rotors, rovers with wheels, the floor and its walls."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -16,19 +17,7 @@ WALL_THICKNESS = 0.05
 
 # Who touches whom: bits of what a geom is, and of what it can touch.
 FLOOR, ROVER, DRONE = 1, 2, 4
-
-Colour = tuple[float, float, float, float]
-GREY: Colour = (0.25, 0.25, 0.27, 1.0)
-LIGHT: Colour = (0.82, 0.82, 0.80, 1.0)
-
-
-@dataclass(frozen=True)
-class Look:
-    """The colours in which bodies are drawn, red, green, blue and opacity from 0 to 1."""
-
-    sheep: Colour = (0.35, 0.35, 0.35, 1.0)
-    dog: Colour = (0.80, 0.25, 0.15, 1.0)
-    goal: Colour = (0.20, 0.60, 0.30, 0.35)
+PHYSICAL = 3  # the group of geoms that touch, which renderers hide
 
 
 @dataclass(frozen=True)
@@ -53,35 +42,36 @@ def build(
     dogs: int,
     friction: float = 1.0,
     timestep: float = TIMESTEP,
-    look: Look | None = None,
+    dress: Callable[[MjSpec], None] | None = None,
 ) -> Bodies:
     """The model of an arena of `size` metres with so many rovers and drones in it.
 
     `goal` is x, y and radius in metres. The walls stand a rover's radius outside the arena, so
     that the rovers' centres have all of it. `friction` is the floor's, for the wheels.
+    What there is to see is for `dress` to add, see `skydog.twin.looks`; physics does without it.
     """
-    look = look or Look()
     spec = MjSpec()
     spec.compiler.degree = False
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.gravity = (0.0, 0.0, -autopilot.GRAVITY)
-    _draw_room(spec, size, goal, look)
     _add_walls(spec, size, rover.body.radius)
     floor = spec.worldbody.add_geom(
         name="floor",
         type=mjtGeom.mjGEOM_PLANE,
         size=(size, size, 0.1),
         pos=(size / 2, size / 2, 0.0),
-        material="floor",
+        group=PHYSICAL,
         contype=FLOOR,
         conaffinity=ROVER | DRONE,
     )
     floor.friction = (friction, 0.005, 0.0001)
     for number in range(dogs):
-        _add_drone(spec, f"dog{number}", uav, look.dog)
+        _add_drone(spec, f"dog{number}", uav)
     for number in range(sheep):
-        _add_rover(spec, f"sheep{number}", rover, friction, look.sheep)
+        _add_rover(spec, f"sheep{number}", rover, friction)
+    if dress is not None:
+        dress(spec)
     model = spec.compile()
     for number in range(dogs):
         place = model.joint(f"dog{number}").dofadr[0]
@@ -136,43 +126,29 @@ def _add_walls(spec: MjSpec, size: float, beyond: float) -> None:
             type=mjtGeom.mjGEOM_BOX,
             size=(thick if x else half, thick if y else half, WALL / 2),
             pos=(middle + x * away, middle + y * away, WALL / 2),
-            rgba=LIGHT,
+            group=PHYSICAL,
             friction=(0.2, 0.005, 0.0001),
             contype=FLOOR,
             conaffinity=ROVER | DRONE,
         )
 
 
-def _add_drone(spec: MjSpec, name: str, uav: UAV, colour: Colour) -> None:
+def _add_drone(spec: MjSpec, name: str, uav: UAV) -> None:
     body, reach = uav.body, uav.body.arm / np.sqrt(2.0)
     drone = spec.worldbody.add_body(name=name, pos=(0.0, 0.0, body.height / 2))
     drone.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
     drone.explicitinertial = True
     drone.mass, drone.inertia = body.mass, body.inertia
-    drone.add_geom(  # its bumper, which is all that touches; drawn is what follows
+    drone.add_geom(  # its bumper
         type=mjtGeom.mjGEOM_CYLINDER,
         size=(body.radius, body.height / 2, 0.0),
-        rgba=(0.0, 0.0, 0.0, 0.0),
         contype=DRONE,
         conaffinity=FLOOR | ROVER | DRONE,
         friction=(0.5, 0.005, 0.0001),
-        group=3,
+        group=PHYSICAL,
     )
-    thin = 0.12 * body.height
-    _draw(
-        drone, mjtGeom.mjGEOM_ELLIPSOID, (0.5 * body.arm, 0.28 * body.arm, body.height / 2), colour
-    )
-    propeller = 0.95 * reach
     for number, (roll, pitch, spin) in enumerate(autopilot.ROTORS):
         at = (-pitch * reach, roll * reach, 0.0)
-        _draw(drone, mjtGeom.mjGEOM_CAPSULE, (thin, 0, 0), GREY, fromto=(0, 0, 0, *at))
-        _draw(
-            drone,
-            mjtGeom.mjGEOM_CYLINDER,
-            (propeller, thin / 2, 0.0),
-            (*(LIGHT[:3] if pitch > 0 else colour[:3]), 0.45),
-            pos=(at[0], at[1], 2 * thin),
-        )
         site = f"{name}_rotor{number}"
         drone.add_site(name=site, pos=at, group=4)
         rotor = spec.add_actuator(
@@ -189,7 +165,7 @@ def _add_drone(spec: MjSpec, name: str, uav: UAV, colour: Colour) -> None:
             rotor.actlimited, rotor.actrange = True, (0.0, body.rotor_thrust)
 
 
-def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float, colour: Colour) -> None:
+def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float) -> None:
     body, wheel = rover.body, rover.body.wheel_radius
     base = spec.worldbody.add_body(name=name, pos=(0.0, 0.0, wheel))
     base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
@@ -200,15 +176,11 @@ def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float, colour: C
         size=(body.radius, half, 0.0),
         pos=(0.0, 0.0, clear + half - wheel),
         mass=body.mass - 2 * wheel_mass,
-        rgba=colour,
+        group=PHYSICAL,
         contype=ROVER,
         conaffinity=FLOOR | ROVER | DRONE,
         friction=(0.2, 0.005, 0.0001),
     )
-    top = body.height - wheel
-    _draw(base, mjtGeom.mjGEOM_CYLINDER, (0.6 * body.radius, 0.01, 0), LIGHT, pos=(0, 0, top))
-    nose = (0.75 * body.radius, 0.0, top + 0.005)  # tells where it looks
-    _draw(base, mjtGeom.mjGEOM_BOX, (0.2 * body.radius, 0.02, 0.012), LIGHT, pos=nose)
     caster = 0.4 * wheel
     for x in (0.8, -0.8):
         # Contact friction is the larger of the pair's: without priority casters would drag.
@@ -219,7 +191,7 @@ def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float, colour: C
             mass=0.0,
             condim=1,
             priority=1,
-            rgba=GREY,
+            group=PHYSICAL,
             contype=ROVER,
             conaffinity=FLOOR,
         )
@@ -234,13 +206,10 @@ def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float, colour: C
             size=(wheel, 0.0, 0.0),
             mass=wheel_mass,
             friction=(friction, 0.005, 0.0001),
-            rgba=(0.0, 0.0, 0.0, 0.0),
             contype=ROVER,
             conaffinity=FLOOR,
-            group=3,
+            group=PHYSICAL,
         )
-        upright = (0.7071067811865476, 0.7071067811865476, 0.0, 0.0)
-        _draw(axle, mjtGeom.mjGEOM_CYLINDER, (wheel, 0.012, 0.0), GREY, quat=upright)
         servo = spec.add_actuator(
             name=f"{name}_{side}",
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
@@ -249,58 +218,3 @@ def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float, colour: C
             forcerange=(-body.wheel_torque, body.wheel_torque),
         )
         servo.set_to_velocity(kv=body.wheel_gain)
-
-
-def _draw(
-    body: mujoco.MjsBody,
-    kind: mjtGeom,
-    size: tuple[float, ...],
-    colour: Colour,
-    **where: tuple[float, ...],
-) -> None:
-    """A part that is seen and has neither mass nor contact."""
-    body.add_geom(type=kind, size=size, rgba=colour, contype=0, conaffinity=0, mass=0.0, **where)
-
-
-def _draw_room(spec: MjSpec, size: float, goal: tuple[float, float, float], look: Look) -> None:
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.85, 0.89, 0.93),
-        rgb2=(0.55, 0.62, 0.70),
-        width=256,
-        height=256,
-    )
-    spec.add_texture(
-        name="floor",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=(0.93, 0.93, 0.91),
-        rgb2=(0.86, 0.87, 0.86),
-        width=256,
-        height=256,
-    )
-    floor = spec.add_material(name="floor", reflectance=0.0)
-    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
-    floor.texrepeat, floor.texuniform = (0.5, 0.5), True  # a square of the pattern is a metre
-    x, y, radius = goal
-    spec.worldbody.add_geom(
-        type=mjtGeom.mjGEOM_CYLINDER,
-        size=(radius, 0.002, 0.0),
-        pos=(x, y, 0.003),
-        rgba=look.goal,
-        contype=0,
-        conaffinity=0,
-    )
-    spec.worldbody.add_light(
-        pos=(size / 2, size / 2, 3 * size),
-        dir=(0.15, 0.2, -1.0),
-        castshadow=False,
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        diffuse=(0.7, 0.7, 0.7),
-    )
-    spec.visual.headlight.ambient = (0.35, 0.35, 0.35)
-    spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)
-    spec.visual.quality.offsamples = 0  # in software every sample is paid for
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 720

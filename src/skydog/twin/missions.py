@@ -240,11 +240,7 @@ class Flight:
         self, truth: Truth, decided: Decision, done: np.ndarray, over: np.ndarray
     ) -> "Record":
         memory = self.memory
-        period = self.station.period
-        waypoint = setpoints.at(memory.dog_setpoint, period)
-        held = station.waiting(self.station, memory)[..., None]
-        # A drone that is still on its way is asked for nothing but to come to its waypoint.
-        command = np.where(held, (waypoint - truth.dogs[..., :2]) / period, decided.velocity)
+        waypoint = setpoints.at(memory.dog_setpoint, self.station.period)
         setpoint = np.concatenate([waypoint, self.height[..., None]], axis=-1)
         stopped = over[:, None]
         return Record(
@@ -252,7 +248,7 @@ class Flight:
             dogs=truth.dogs[..., :2],
             subgoal=decided.subgoal,
             drives=decided.drives,
-            command=np.where(stopped[..., None], 0.0, command),
+            command=np.where(stopped[..., None], 0.0, decided.velocity),
             accomplished=done,
             altitude=truth.dogs[..., 2],
             attitude=truth.attitude,

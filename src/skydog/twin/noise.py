@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float, PRNGKeyArray
+from jaxtyping import Array, Float, Key
 
 from skydog.flight.profiles import UAV
 from skydog.flight.station import DT, Commands, Frame
@@ -35,7 +35,7 @@ class Luck:
         self,
         disturb: Disturbances,
         uav: UAV,
-        keys: PRNGKeyArray,
+        keys: Key[Array, " batch"],
         sheep: int,
         dogs: int,
     ):
