@@ -223,13 +223,14 @@ def _filled(path: str, form: Any, table: dict[str, Any], place: str) -> Any:
         raise Refusal(f"{path} {does} {place + name!r:.80}; see those that ship, such as kobuki")
     values = {name: _value(path, hints[name], value, place + name) for name, value in table.items()}
     for name, value in values.items():
-        if not isinstance(value, bool) and value in (0.0, (0.0,) * 3) and name not in MAY_BE_ZERO:
-            raise Refusal(f"{path} has {place}{name} = 0; it must be larger")
+        parts = value if isinstance(value, tuple) else (value,)
+        if name not in MAY_BE_ZERO and any(type(part) is float and part == 0.0 for part in parts):
+            raise Refusal(f"{path} has {place}{name} = {value!r}; it must be larger than 0")
     return form(**values)
 
 
 def _value(path: str, kind: Any, value: Any, place: str) -> Any:
-    if kind is str or (kind is bool and isinstance(value, bool)):
+    if kind in (str, bool) and type(value) is kind:
         return value
     if is_dataclass(kind) and isinstance(value, dict):
         return _filled(path, kind, value, f"{place}.")

@@ -1,4 +1,5 @@
-"""The bodies in MuJoCo: quadrotors with four rotors, rovers with wheels, the floor and its walls."""
+# pyright: reportAttributeAccessIssue=false
+"""The bodies in MuJoCo: quadrotors with four rotors, rovers with wheels, floor and walls."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from mujoco import MjSpec, mjtGeom
 
+from skydog.errors import Refusal
 from skydog.flight import autopilot
 from skydog.flight.profiles import UAV, Rover
 
@@ -72,7 +74,14 @@ def build(
         _add_rover(spec, f"sheep{number}", rover, friction)
     if dress is not None:
         dress(spec)
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as problem:
+        what = str(problem).splitlines()[0].removeprefix("Error: ")
+        raise Refusal(
+            f"physics has no bodies as {uav.name} and {rover.name} have them: {what:.80}; "
+            "see the [body] of a profile that ships"
+        ) from None
     for number in range(dogs):
         place = model.joint(f"dog{number}").dofadr[0]
         # The air's drag: a damping of the free joint's translation, which is implicit in the step.
@@ -138,7 +147,8 @@ def _add_drone(spec: MjSpec, name: str, uav: UAV) -> None:
     drone = spec.worldbody.add_body(name=name, pos=(0.0, 0.0, body.height / 2))
     drone.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
     drone.explicitinertial = True
-    drone.mass, drone.inertia = body.mass, body.inertia
+    # Without `ipos` MuJoCo puts the mass at the place of the body in the world.
+    drone.mass, drone.inertia, drone.ipos = body.mass, body.inertia, (0.0, 0.0, 0.0)
     drone.add_geom(  # its bumper
         type=mjtGeom.mjGEOM_CYLINDER,
         size=(body.radius, body.height / 2, 0.0),

@@ -29,8 +29,8 @@ DRIFT_LASTS = 5.0  # s: tum_simulator, motionDriftNoiseTime
 DISTURBANCES = {
     "none": Disturbances(),
     "mild": Disturbances(
-        mocap_noise=0.001,
-        yaw_noise=0.005,
+        mocap_noise=0.0005,
+        yaw_noise=0.0025,
         dropout=0.005,
         observation_delay=0.01,
         action_delay=0.01,
@@ -41,13 +41,13 @@ DISTURBANCES = {
         friction=0.9,
     ),
     "lab": Disturbances(
-        mocap_noise=0.002,
-        yaw_noise=0.01,
+        mocap_noise=0.001,
+        yaw_noise=0.005,
         dropout=0.02,
         observation_delay=0.02,
         action_delay=0.02,
         command_loss=0.02,
-        gust=0.3,
+        gust=0.25,
         own_errors=1.0,
         slip=0.03,
         friction=0.7,
