@@ -35,9 +35,7 @@ class Rig:
 
     def __init__(self, uav=TUM, sheep=((3.0, 3.0, 0.0),), height=2.0, timestep=TIMESTEP):
         self.uav = uav
-        built = bodies.build(
-            uav, ROVER, SIZE, (0.0, 0.0, 2.0), len(sheep), 1, timestep=timestep
-        )
+        built = bodies.build(uav, ROVER, SIZE, (0.0, 0.0, 2.0), len(sheep), 1, timestep=timestep)
         self.bodies, self.plant = built, Plant(uav, built, 1, 1)
         x, y, yaw = np.array(sheep).T
         at = np.stack([x, y, np.full_like(x, WHEEL)], axis=-1)

@@ -18,7 +18,7 @@ from skydog.commands.flags import (
     own_sheep,
 )
 from skydog.errors import Refusal
-from skydog.learning.options import Learner, Reward
+from skydog.learning.options import Bodies, Learner, Reward
 from skydog.shepherds.options import Frame
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def train(
     learner: Learner = "ddpg",
     reward: Reward = "progress",
     frame: Frame = "folded",
+    bodies: Bodies = "ideal",
     resume: bool = False,
     tensorboard: bool = False,
     as_json: Json = False,
@@ -71,6 +72,8 @@ def train(
         reward: Reward function of the lessons; `paper` is the paper's ±0.1.
         frame: `folded` by the symmetries of the square, so that what was learnt for one direction
             serves all; `paper` for the world's own axes, and lessons with one goal.
+        bodies: How dogs and sheep move in the lessons: `ideal` as commanded, `physical` late,
+            adrift and slowly, as they do in the twin.
         resume: Continue an interrupted run, bit for bit.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
         as_json: Print the results as JSON instead of a table.
@@ -92,6 +95,7 @@ def train(
         goal=goal_of(goal),
         goal_radius=goal_radius,
         frame=frame,
+        bodies=bodies,
     )
     command = console.command_line()
     results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)

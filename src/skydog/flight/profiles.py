@@ -117,6 +117,7 @@ class RoverBody:
     wheel_radius: float
     wheel_separation: float
     wheel_torque: float  # N m at most
+    wheel_inertia: float  # kg m²: of its motor, behind the gear
     wheel_gain: float  # N m s/rad, of a wheel's speed servo
 
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, get_args
 
 from skydog.errors import Refusal
-from skydog.learning.options import Learner, Reward, Skill
+from skydog.learning.options import Bodies, Learner, Reward, Skill
 from skydog.shepherds.options import Frame
 
 if TYPE_CHECKING:  # a worker pins itself to its core before jax is imported
@@ -37,6 +37,7 @@ class Curriculum:
     # In the paper's frame the lessons are the paper's too: with the world's own goal, and the
     # furthest stray to collect.
     frame: Frame = "folded"
+    bodies: Bodies = "ideal"  # in the lessons
 
     def __post_init__(self) -> None:
         if self.goal is not None and not isinstance(self.goal, tuple):  # so that it has a hash
@@ -59,6 +60,7 @@ class Curriculum:
             scales=self.scales,
             frame=self.frame,
             draws=lessons.AS_IN_MISSIONS if self.frame == "folded" else lessons.EVEN,
+            bodies=self.bodies,
         )
 
     @property
@@ -89,7 +91,7 @@ class Curriculum:
         kind = {"ddpg": "H-DDPG", "dqn": "DHRL"}[self.learner]
         size = float(self.world().arena.size)
         odd = "-paper-reward" * (self.reward == "paper") + "-one-scale" * self.one_scale
-        odd += "-paper-frame" * (self.frame == "paper")
+        odd += "-paper-frame" * (self.frame == "paper") + "-physical" * (self.bodies == "physical")
         own = "" if self.own_world is None else f"-{loading.title(self.own_world)}"
         return f"{kind}-{size:g}x{size:g}{odd}{own}"
 
@@ -110,6 +112,8 @@ class Curriculum:
             "learner": self.learner,
             "one_scale": self.one_scale,
             "frame": self.frame,
+            # Trainings from before there were any say nothing of bodies.
+            **({} if self.bodies == "ideal" else {"bodies": self.bodies}),
         }
 
 

@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skydog.learning.options import Reward, Skill
+from skydog.learning import dynamics
+from skydog.learning.options import Bodies, Reward, Skill
 from skydog.shepherds import frame as frames
 from skydog.shepherds import sheepdog
 from skydog.shepherds.options import Frame
@@ -77,6 +78,7 @@ class Episode(eqx.Module):
     scale: Float[Array, ""]  # ξ: the lesson's arena, as a share of the episode's
     step: Int[Array, ""]
     arrived: Bool[Array, ""]  # whether the dog has been where the reward takes it
+    body: dynamics.Body | None = None  # how the bodies obey; None: as commanded
 
 
 class Outcome(eqx.Module):
@@ -108,6 +110,7 @@ class Lesson(eqx.Module):
     scales: tuple[float, float] = eqx.field(static=True, default=SCALES)
     frame: Frame = eqx.field(static=True, default="folded")
     draws: Draws = eqx.field(static=True, default=AS_IN_MISSIONS)
+    bodies: Bodies = eqx.field(static=True, default="ideal")
 
     observation: ClassVar[int] = len(sheepdog.OBSERVES)
     action: ClassVar[int] = len(sheepdog.COMMANDS)
@@ -147,6 +150,7 @@ class Lesson(eqx.Module):
             scale=scale,
             step=jnp.asarray(0),
             arrived=jnp.asarray(False),
+            body=None if self.bodies == "ideal" else dynamics.draw(jax.random.fold_in(key, 1)),
         )
 
     def observe(self, episode: Episode) -> Float[Array, "4"]:
@@ -160,8 +164,13 @@ class Lesson(eqx.Module):
         if self.frame == "folded":
             action = frames.unfold(action, frames.fold(self._observed(episode))[1])
         flown = sheepdog.stretched(action, episode.scale) if self.stretches else action
-        after = mission.step(world, before, world.dog.speed * flown[None])
-        moved = Episode(after, episode.goal, episode.scale, episode.step + 1, episode.arrived)
+        velocity, body = world.dog.speed * flown, episode.body
+        if body is not None:
+            commanded = mission.limited(world.dog, velocity[None])[0]
+            body, velocity = dynamics.obey(body, commanded, world.dog.speed, world.arena.dt)
+            world = dynamics.slowed(world, body)
+        after = mission.step(world, before, velocity[None])
+        moved = Episode(after, episode.goal, episode.scale, episode.step + 1, episode.arrived, body)
 
         aim = 1.0 if self.reward == "paper" else NEARER
         was = norm(before.dogs - self.subgoal(episode, aim))[0]

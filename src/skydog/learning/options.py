@@ -10,3 +10,6 @@ Learner = Literal["ddpg", "dqn"]
 
 Reward = Literal["progress", "paper"]
 """How a lesson pays: see `skydog.learning.lessons.Lesson`."""
+
+Bodies = Literal["ideal", "physical"]
+"""Whether dogs and sheep move as commanded, or late as in `skydog.learning.dynamics`."""

@@ -209,7 +209,10 @@ def _add_rover(spec: MjSpec, name: str, rover: Rover, friction: float) -> None:
         axle = base.add_body(
             name=f"{name}_{side}", pos=(0.0, sign * body.wheel_separation / 2, 0.0)
         )
-        axle.add_joint(name=f"{name}_{side}", axis=(0.0, 1.0, 0.0), damping=0.0)
+        # Without its motor's inertia a wheel is so light that its servo chatters in every step.
+        axle.add_joint(
+            name=f"{name}_{side}", axis=(0.0, 1.0, 0.0), damping=0.0, armature=body.wheel_inertia
+        )
         # A sphere touches the floor in one point, as a wheel does, and is faster than a cylinder.
         axle.add_geom(
             type=mjtGeom.mjGEOM_SPHERE,

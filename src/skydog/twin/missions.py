@@ -107,7 +107,7 @@ class Flight:
         disturb = twin.disturbances()
         arena = world.arena
         self.size, self.airspace = float(arena.size), float(world.dog.airspace)
-        pads.check(starts, self.uav, self.rover)
+        pads.check(starts, self.uav, self.rover, self.size)
         self.bodies = bodies.build(
             self.uav,
             self.rover,

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco import batch
 
+from skydog.errors import Refusal
 from skydog.flight import autopilot
 from skydog.flight.autopilot import Motion
 from skydog.flight.profiles import UAV
@@ -33,7 +34,7 @@ class Plant:
     def __init__(self, uav: UAV, bodies: Bodies, missions: int, threads: int):
         self.uav, self.bodies = uav, bodies
         self._batch = batch.Batch(bodies.model, missions, threads)
-        self._substeps = round(DT / bodies.model.opt.timestep)
+        self._substeps = _substeps(bodies.model.opt.timestep)
         self._qpos, self._qvel, self._ctrl = (
             self._batch.bind(name) for name in ("qpos", "qvel", "ctrl")
         )
@@ -130,6 +131,14 @@ class Plant:
             )
             self._ctrl[:, self.bodies.rotors] = thrust
             self._batch.step(flying, nstep=self._substeps)
+
+
+def _substeps(timestep: float) -> int:
+    """The physics' steps in one of the autopilot. Raises `Refusal` for a broken number."""
+    steps = round(DT / timestep) if timestep > 0.0 else 0
+    if steps < 1 or abs(steps * timestep - DT) > 1e-9:
+        raise Refusal(f"the twin's time step must divide {DT:g} s, got {timestep:g} s; try 0.0025")
+    return steps
 
 
 def _upright(body: Float[np.ndarray, "batch bodies 7"]) -> Float[np.ndarray, "batch bodies"]:

@@ -22,20 +22,23 @@ DRAWS = 1000  # times as many as are asked for, at most
 
 
 def flyable(
-    starts: State, uav: UAV, rover: Rover
+    starts: State, uav: UAV, rover: Rover, size: float
 ) -> tuple[Bool[np.ndarray, " cases"], Bool[np.ndarray, " cases"]]:
-    """In which starts no rovers overlap, and in which all pads are clear."""
+    """In which starts no rovers overlap, and in which all pads are clear, also of the walls."""
     sheep, dogs = (np.asarray(who, float) for who in (starts.sheep, starts.dogs))
     apart = 2 * rover.body.radius + ROOM
     clear = rover.body.radius + uav.body.radius + CLEAR
     spaced = _nearest(sheep, sheep) >= apart
     pads = (_nearest(dogs, sheep) >= clear) & (_nearest(dogs, dogs) >= 2 * uav.body.radius + ROOM)
+    # The walls stand a rover's radius outside the arena.
+    inside = max(0.0, uav.body.radius + CLEAR - rover.body.radius)
+    pads &= np.all((dogs >= inside) & (dogs <= size - inside), axis=(1, 2))
     return spaced, pads
 
 
-def check(starts: State, uav: UAV, rover: Rover) -> None:
-    """Raise `Refusal` for a start that cannot be flown."""
-    spaced, pads = flyable(starts, uav, rover)
+def check(starts: State, uav: UAV, rover: Rover, size: float) -> None:
+    """Raise `Refusal` for a start that cannot be flown in an arena of `size` metres."""
+    spaced, pads = flyable(starts, uav, rover, size)
     for fits, what in ((spaced, "rovers overlap"), (pads, "a drone's pad is not clear")):
         if not fits.all():
             raise Refusal(
@@ -60,7 +63,7 @@ def draw(
     want = count
     for batch in range(DRAWS):
         drawn = cases.cases(world, max(2 * count, 32), sort, seed + 1_000_003 * batch, sheep, dogs)
-        spaced, pads = flyable(drawn, uav, rover)
+        spaced, pads = flyable(drawn, uav, rover, float(world.arena.size))
         fits = np.flatnonzero(spaced & pads)[:want]
         found.append(jax.tree.map(lambda leaf, fits=fits: leaf[fits], drawn))
         want -= len(fits)
