@@ -35,6 +35,10 @@ def velocity(uav: UAV, delay: Any = 1) -> Any:
     return control.minreal(closed * (delay if loop.on_board else 1), verbose=False)
 
 
+def positive_feedback(plant: Any, n: Any) -> Any:
+    return control.feedback(plant, n, sign=+1)
+
+
 def late(delay: float, order: int = 6) -> Any:
     """A delay in seconds, by Padé."""
     return control.tf(*control.pade(delay, order)) if delay else control.tf(1, 1)

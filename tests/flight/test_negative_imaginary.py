@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from functools import partial
+from importlib import resources
+from typing import Any
 
 import control
 import numpy as np
 import pytest
-from loops import MARGINS, S, is_stable, late, real_part, velocity
+from loops import MARGINS, S, is_stable, late, positive_feedback, real_part, velocity
 
 from skydog.errors import Refusal
 from skydog.flight import fuzzy, profiles, sni
@@ -26,7 +28,7 @@ sni_loops = [
 ]
 
 
-def controller(loop):
+def controller(loop) -> Any:
     return control.tf(*sni.coefficients(loop))
 
 
@@ -105,13 +107,13 @@ def test_the_position_loop_is_stable_with_its_delay_and_its_trim_estimator(name)
     plant = velocity(uav, late(uav.link.delay)) / S
     n = controller(uav.position)
     for whole in (n, n - uav.position.trim / S):
-        assert is_stable(control.feedback(plant, whole, sign=+1))
+        assert is_stable(positive_feedback(plant, whole))
 
 
 @pytest.mark.parametrize(("loop", "scale"), sni_loops[len(UAVS) :])
 def test_the_yaw_loop_is_stable_with_a_tenth_of_a_second_of_delay(loop, scale):
     n = controller(replace(loop, gamma=scale * loop.gamma))
-    assert is_stable(control.feedback(late(0.1) / S, n, sign=+1))
+    assert is_stable(positive_feedback(late(0.1) / S, n))
 
 
 @pytest.mark.parametrize("share", [0.9, 0.5])
@@ -121,9 +123,9 @@ def test_a_dc_gain_above_zero_is_refused_and_would_diverge(tmp_path, name, share
     bad = replace(uav.position, delta=share / uav.position.phi, trim=0.0)
     plant = velocity(uav, late(uav.link.delay)) / S
     assert controller(bad)(0).real > 0.0
-    assert not is_stable(control.feedback(plant, controller(bad), sign=+1))
+    assert not is_stable(positive_feedback(plant, controller(bad)))
 
-    shipped = next(profiles.resources.files("skydog.flight").glob(f"profiles/{name}.toml"))
+    shipped = resources.files("skydog.flight").joinpath("profiles", f"{name}.toml")
     lines = shipped.read_text().splitlines()
     at = next(number for number, line in enumerate(lines) if line.startswith("delta"))
     lines[at] = f"delta = {bad.delta}"
@@ -145,7 +147,8 @@ def test_the_discrete_controller_answers_a_constant_error_as_the_continuous_one(
     dt, error = 0.01, 0.7
     time = dt * np.arange(300)
     exact = replace(loop, gamma=scale * loop.gamma)
-    continuous = control.forced_response(-controller(exact), time, np.full(300, error)).outputs
+    errors: Any = np.full(300, error)
+    continuous = control.forced_response(-controller(exact), time, errors).outputs
     memory, outputs = np.zeros(1), []
     for _ in time:
         memory, output = sni.step(loop, memory, np.array([error]), dt, float(scale))

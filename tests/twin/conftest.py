@@ -2,8 +2,8 @@ import jaxtyping
 import pytest
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _unchecked():
+@pytest.fixture(scope="module")
+def unchecked():
     """Shapes are checked in one mission (`test_missions.py`); in all they would take minutes."""
     jaxtyping.config.update("jaxtyping_disable", True)
     yield

@@ -1,3 +1,4 @@
+# pyright: reportAttributeAccessIssue=false
 """Bodies on a test rig: in a bare model, or in a plant that the autopilot flies."""
 
 import mujoco
@@ -9,6 +10,7 @@ from skydog.flight.rovers import Twist
 from skydog.twin import bodies
 from skydog.twin.bodies import TIMESTEP, Bodies
 from skydog.twin.plant import DT, Plant
+from skydog.world.trace import Ending, Poses, Trace
 
 ROVER = profiles.rover("kobuki")
 TUM, ARDRONE, CRAZYFLIE = map(profiles.uav, ("tum-simulator", "ardrone2", "crazyflie"))
@@ -66,3 +68,13 @@ class Rig:
             truth = self.plant.truth()
             found.append(np.concatenate([truth.sheep[0], truth.yaw[0, :, None]], axis=1))
         return np.array(found)
+
+
+def poses(trace: Trace) -> Poses:
+    assert trace.poses is not None
+    return trace.poses
+
+
+def ending(trace: Trace) -> Ending:
+    assert trace.ending is not None
+    return trace.ending

@@ -1,3 +1,4 @@
+# pyright: reportAttributeAccessIssue=false
 """What the bodies do by themselves, and on board, against what can be computed by hand."""
 
 from dataclasses import replace
@@ -11,6 +12,8 @@ from skydog.errors import Refusal
 from skydog.flight.autopilot import GRAVITY, ROTORS
 from skydog.twin import bodies
 from skydog.twin.bodies import TIMESTEP
+
+pytestmark = pytest.mark.usefixtures("unchecked")
 
 DRONES = [TUM, ARDRONE, CRAZYFLIE]
 drones = pytest.mark.parametrize("uav", DRONES, ids=lambda uav: uav.name)
@@ -218,9 +221,10 @@ def pulled(built, data):
 
 
 def test_casters_do_not_drag():
-    # The wheels' own inertia rolls along: solid spheres on two axles of 5 % of the mass each.
-    expected = 0.5 / (ROVER.body.mass * (1.0 + 2 * 0.05 * 0.4))
-    assert pulled(*model()) == pytest.approx(expected, rel=0.02)
+    body = ROVER.body
+    # Two wheels roll along: spheres of 5 % of the mass each, and their motors behind the gear.
+    rolls = 2 * (0.4 * 0.05 * body.mass + body.wheel_inertia / body.wheel_radius**2)
+    assert pulled(*model()) == pytest.approx(0.5 / (body.mass + rolls), rel=0.01)
 
 
 def test_casters_that_grip_as_the_floor_does_would_drag():
@@ -229,6 +233,20 @@ def test_casters_that_grip_as_the_floor_does_would_drag():
     assert len(casters) == 2
     built.model.geom_condim[casters], built.model.geom_priority[casters] = 3, 0
     assert pulled(built, data) < 0.05
+
+
+@pytest.mark.parametrize("timestep", [0.005, 0.0025])
+def test_wheels_follow_their_command_without_chattering(timestep):
+    built, data = model(timestep=timestep)
+    at = [built.model.joint(f"sheep0_{side}").dofadr[0] for side in ("left", "right")]
+    data.ctrl[built.wheels] = wanted = 0.1 / ROVER.body.wheel_radius
+    speeds = []
+    for _ in range(round(0.3 / timestep)):
+        mujoco.mj_step(built.model, data)
+        speeds.append(data.qvel[at].copy())
+    assert np.all(np.diff(speeds, axis=0) > -0.02 * wanted)
+    assert np.max(speeds) < 1.02 * wanted
+    np.testing.assert_allclose(speeds[-1], wanted, rtol=0.02)
 
 
 def test_wheels_on_a_slippery_floor_do_not_keep_up():

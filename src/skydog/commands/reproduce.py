@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skydog.commands.flags import STOPPED, Json, Out
+from skydog.commands.flags import STOPPED, Json, MaybeOut
 from skydog.errors import Refusal
 
 if TYPE_CHECKING:
@@ -15,13 +15,14 @@ if TYPE_CHECKING:
 
 
 def reproduce(
-    out: Out = Path("runs/reproduce"),
+    out: MaybeOut = None,
     seeds: int = 8,
     episodes: int = 3_000,
     from_zoo: bool = False,
+    physical: bool = False,
     as_json: Json = False,
 ) -> int:
-    """Regenerate the paper's simulation study beside its own numbers.
+    """Regenerate the paper's simulation study, or its physical one, beside its own numbers.
 
     Trains every sheepdog of the study, flies the paper's eight scenarios and more, and writes
     report.html and results.json with every table, figure and claim, and a verdict on each.
@@ -30,10 +31,11 @@ def reproduce(
     Example: skydog reproduce --from-zoo
 
     Args:
-        out: The run folder.
+        out: The run folder; runs/reproduce, or runs/physical, if not given.
         seeds: Sheepdogs of each kind.
         episodes: Episodes of each skill's training; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
+        physical: Fly the paper's physical study, in the physics twin, and what physics costs.
         as_json: Print the results as JSON instead of a table.
     """
     for name, value in (("seeds", seeds), ("episodes", episodes)):
@@ -43,7 +45,27 @@ def reproduce(
     from skydog.commands.zoo import Plan
     from skydog.study import evaluate, report, reproduction
 
-    results = run(out, Plan(seeds, episodes), from_zoo, console.command_line(), evaluate.fly)
+    if physical:
+        from skydog.commands import physical as study
+        from skydog.study.physical import summary
+
+        found = study.run(
+            out or Path("runs/physical"), seeds, episodes, from_zoo, console.command_line()
+        )
+        if found is None:
+            return STOPPED
+        if as_json:
+            print(json.dumps(found, indent=2))
+        else:
+            console.print_table(summary(found))
+        return 0
+    results = run(
+        out or Path("runs/reproduce"),
+        Plan(seeds, episodes),
+        from_zoo,
+        console.command_line(),
+        evaluate.fly,
+    )
     if results is None:
         return STOPPED
     if as_json:

@@ -56,8 +56,8 @@ def twin(
 ) -> int:
     """Fly a shepherd in the physics twin: a quadrotor and rovers with wheels, in MuJoCo.
 
-    Drones take off from the floor, controllers fly what the shepherd decides, and rovers drive where
-    their flock's law sends them. A crash ends a mission, which has then failed.
+    Drones take off from the floor, controllers fly what the shepherd decides, and rovers drive
+    where their flock's law sends them. A crash ends a mission, which has then failed.
 
     Example: skydog twin h-ddpg-6x6 --profile ardrone2 --disturb lab --speed 0.17 --video flight.mp4
 

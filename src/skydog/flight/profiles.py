@@ -237,9 +237,9 @@ def _value(path: str, kind: Any, value: Any, place: str) -> Any:
         return _filled(path, kind, value, f"{place}.")
     if kind is float and _is_number(value):
         return float(value)
-    if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
-        if kind == tuple[float, float, float]:
-            return tuple(map(float, value))
+    three = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
+    if three and kind == tuple[float, float, float]:
+        return tuple(map(float, value))
     raise Refusal(
         f"{path} has {place} = {value!r:.60}; numbers are from 0 to {LARGEST:g}, and a profile "
         "that ships shows the kind"

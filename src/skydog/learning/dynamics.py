@@ -56,9 +56,7 @@ def obey(
     kept = jnp.exp(-dt / body.lag)
     behind = body.velocity - wanted
     flown = wanted + behind * body.lag / dt * (1.0 - kept)
-    after = eqx.tree_at(
-        lambda b: (b.velocity, b.command), body, (wanted + kept * behind, command)
-    )
+    after = eqx.tree_at(lambda b: (b.velocity, b.command), body, (wanted + kept * behind, command))
     return after, flown
 
 

@@ -56,3 +56,29 @@ PRINTED: dict[str, Any] = {
 # Its rule dog was slower than its learners, which the paper does not say: m/s, from its
 # tables, metres over steps of 0.1 s in both arenas (11 / 13.5 and 15.2 / 18.7).
 STROMBOM_SPEED = 0.81
+
+
+def _physical(
+    steps: Printed, distance: Printed, error: Printed, subgoal: Printed, target: Printed
+) -> Any:
+    names = ("steps_gcm", "distance", "error_per_step", "dog_to_subgoal", "centre_to_target")
+    figures = (steps, distance, error, subgoal, target)
+    return {
+        "success": 1.0,
+        **{name: {"mean": mean, "sd": sd} for name, (mean, sd) in zip(names, figures, strict=True)},
+    }
+
+
+# Table "Averages and standard deviations of number of steps, travelled distance, cumulative error
+# and success rates of three testing cases of the four setups": NS, TD, EPS, DS, CT; metres.
+PHYSICAL: dict[str, Any] = {
+    "H-DDPG-6x6-Sim": _physical((505, 23), (17.4, 1.4), (0.026, 0.003), (0.63, 0.03), (0.006, 0.0)),
+    "H-DDPG-4x4to6x6-Sim": _physical(
+        (533, 55), (13.4, 0.9), (0.018, 0.001), (0.72, 0.04), (0.006, 0.0)
+    ),
+    "H-DDPG-6x6-Phy": _physical((911, 93), (27.6, 2.6), (0.05, 0.0), (1.35, 0.05), (0.003, 0.0)),
+    "H-DDPG-4x4to6x6-Phy": _physical(
+        (881, 88), (24.1, 1.7), (0.05, 0.001), (1.29, 0.06), (0.003, 0.0)
+    ),
+}
+PHYSICAL_CASES = 3

@@ -1,4 +1,4 @@
-"""What goes wrong on purpose, by name: in motion capture, on the radio, in the air, on the floor."""
+"""What goes wrong on purpose, by name: motion capture, radio, air and floor."""
 
 from dataclasses import dataclass
 

@@ -1,0 +1,147 @@
+"""`skydog reproduce --physical`: fly the paper's physical study in the twin."""
+
+import json
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skydog import files
+from skydog.commands import console, training
+from skydog.flight import profiles
+from skydog.learning.curriculum import Curriculum
+from skydog.learning.lessons import HORIZON
+from skydog.shepherds import store
+from skydog.study import evaluate, physical, report
+from skydog.study.options import Results
+from skydog.study.physical import Mission, Setting
+from skydog.study.scenarios import SIZES
+from skydog.twin import Twin
+from skydog.twin import starts as pads
+from skydog.view import replay
+from skydog.world import trace as traces
+
+if TYPE_CHECKING:
+    from skydog.world.mission import Fly
+    from skydog.world.params import World
+    from skydog.world.state import State
+
+ROVERS = "kobuki"
+
+
+CHOSEN_BY = 60  # starts
+CHOSEN_SEED = 2  # the study's own have 0 and 1
+
+
+def run(out: Path, seeds: int, episodes: int, from_zoo: bool, command: str) -> Results | None:
+    """Teach the sheepdogs of the study, fly it into a run folder, and return its results.
+
+    What was taught or flown before is not done again; None if the teaching was stopped.
+    """
+    out = files.folder(out)
+    if not from_zoo and not _teach(out, seeds, episodes, command):
+        return None
+    home = store.ZOO if from_zoo else out / "zoo"
+    paths = {name: store.ZOO / f"{name}.safetensors" for name in physical.UNTAUGHT}
+    paths |= {name: home / f"{name}.safetensors" for name in physical.TAUGHT}
+    dogs = (*physical.UNTAUGHT, *physical.TAUGHT)
+    lines = physical.missions(dogs)
+    results: Results = {}
+    for number, (name, line) in enumerate(lines.items(), 1):
+        where = out / "lines" / f"{_plain(name)}.json"
+        file = paths[line.dog]
+        asked = files.plain({**asdict(line), "SHA-256": sha256(file.read_bytes()).hexdigest()})
+        if (kept := _kept(where, asked)) is None:
+            with console.Missions(line.cases, f"{number} of {len(lines)}: {name}") as bar:
+                kept, first = physical.fly(
+                    line, store.load(file), lambda how, bar=bar: _fly(how, bar), draw
+                )
+            if line.starts == "paper":
+                traces.save(out / "traces" / f"{_plain(name)}.safetensors", first, name)
+            files.write_text(where, json.dumps({"asked": asked, "found": files.plain(kept)}))
+        results[name] = kept
+    report.write(out, results)
+    files.write_text(out / "physical.md", physical.document(results, dogs, command))
+    shown = {
+        name: traces.load(out / "traces" / f"{_plain(name)}.safetensors")[0]
+        for name in lines
+        if name.endswith(tuple(physical.SPEEDS)) and name.startswith(tuple(physical.ROWS))
+    }
+    page = physical.page(results, dogs, replay.player(shown), command)
+    files.write_text(out / "report.html", page)
+    console.say(f"Everything is in {out}; open {out / 'report.html'} in a browser.")
+    return results
+
+
+def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
+    """Teach `seeds` sheepdogs of each kind, and keep the one that is fastest in the twin.
+
+    It is chosen by other starts than the study's own. Tells whether all was taught.
+    """
+    steps = episodes * HORIZON["progress"]
+    kinds = [
+        Curriculum("paper-physical", arena=size, steps=steps, bodies="physical") for size in SIZES
+    ]
+    folders = {
+        kind: [out / "trainings" / kind.dog / f"seed-{seed}" for seed in range(seeds)]
+        for kind in kinds
+    }
+    todo = [
+        job
+        for kind, places in folders.items()
+        for seed, folder in enumerate(places)
+        for job in training.jobs(kind, folder, seed, resume=True)
+    ]
+    console.say(f"Training {len(todo)} skills, a core each; Ctrl-C keeps what was learnt:")
+    if not training.train_all(todo):
+        training.stopped(command, resumes=True)
+        return False
+    line = Mission("", physical.SIM, 1.0, "spaced", CHOSEN_BY, seed=CHOSEN_SEED)
+    for kind, places in folders.items():
+        found = []
+        for seed, folder in enumerate(places):
+            dog, _ = training.fuse(kind, folder, seed)
+            with console.Missions(line.cases, f"choosing {kind.dog}, seed {seed}") as bar:
+                flown, _ = physical.fly(line, dog, lambda how, bar=bar: _fly(how, bar), draw)
+            found.append((flown["steps"]["mean"], seed, dog, flown))
+        _, seed, dog, flown = min(found, key=lambda one: one[:2])
+        flown.pop("endings")
+        card = training.card(kind, seed, command, {f"{kind.dog} in the twin": flown})
+        store.save(out / "zoo" / f"{kind.dog.lower()}.safetensors", dog, card)
+    return True
+
+
+def draw(world: "World", line: Mission) -> "State":
+    """The starts of a line: those that every drone and rover of the study can fly."""
+    largest = profiles.uav("ardrone2")
+    return pads.draw(
+        world, line.cases, line.starts, largest, profiles.rover(ROVERS), seed=line.seed
+    )
+
+
+def _fly(how: Setting, bar: console.Missions) -> "Fly":
+    if how.profile is None:
+        return evaluate.fly
+    return Twin(
+        how.profile,
+        ROVERS,
+        how.disturb,
+        how.wait,
+        how.steering,
+        ideal=frozenset(how.ideal),
+        progress=bar.update,
+    )
+
+
+def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any] | None:
+    """What was found before for the same line, if it was flown."""
+    try:
+        before = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    same = isinstance(before, dict) and before.get("asked") == asked
+    return before.get("found") if same else None
+
+
+def _plain(name: str) -> str:
+    return "".join(letter if letter.isalnum() or letter in "-." else "-" for letter in name)
