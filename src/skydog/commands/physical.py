@@ -105,7 +105,7 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
                 flown, _ = physical.fly(line, dog, lambda how, bar=bar: _fly(how, bar), draw)
             found.append((flown["steps"]["mean"], seed, dog, flown))
         _, seed, dog, flown = min(found, key=lambda one: one[:2])
-        flown.pop("endings")
+        flown.pop("endings", None)
         card = training.card(kind, seed, command, {f"{kind.dog} in the twin": flown})
         store.save(out / "zoo" / f"{kind.dog.lower()}.safetensors", dog, card)
     return True

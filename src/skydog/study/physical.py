@@ -128,8 +128,9 @@ def fly(line: Mission, dog: Shepherd, flies: Flies, draws: Draws) -> tuple[Resul
     if line.starts == "paper":
         first = {name: values[: paper.PHYSICAL_CASES] for name, values in measured.items()}
         result["first"] = evaluate.figures(first)
-    ways = np.bincount(np.asarray(flown.ending.how), minlength=len(ENDINGS))
-    result["endings"] = {ENDINGS[way]: int(count) for way, count in enumerate(ways) if count}
+    if flown.ending is not None:
+        ways = np.bincount(np.asarray(flown.ending.how), minlength=len(ENDINGS))
+        result["endings"] = {ENDINGS[way]: int(count) for way, count in enumerate(ways) if count}
     return result, evaluate.one_case(flown, 0)
 
 

@@ -246,8 +246,8 @@ class Flight:
         return Record(
             sheep=truth.sheep,
             dogs=truth.dogs[..., :2],
-            subgoal=decided.subgoal,
-            drives=decided.drives,
+            subgoal=np.asarray(decided.subgoal),
+            drives=np.asarray(decided.drives),
             command=np.where(stopped[..., None], 0.0, decided.velocity),
             accomplished=done,
             altitude=truth.dogs[..., 2],
