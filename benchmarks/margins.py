@@ -107,8 +107,9 @@ def position_loop(uav: UAV, omega: Frequencies) -> Response:
 def altitude_loop(uav: UAV, omega: Frequencies) -> Response:
     """The loop of the altitude, broken at the radio link: -L(jω), for negative feedback."""
     s, loop = 1j * omega, uav.velocity
-    thrust = (loop.climb_gain + loop.climb_damping * s) / (uav.body.motor_lag * s + 1.0)
-    climbs = thrust / (s + uav.body.drag / uav.body.mass + thrust)
+    drag, motors = uav.body.drag / uav.body.mass, 1.0 / (uav.body.motor_lag * s + 1.0)
+    thrust = (loop.climb_gain + loop.climb_damping * s) * motors
+    climbs = (thrust + drag * motors) / (s + drag + thrust)
     position, _ = _estimated(omega)
     return altitude.GAIN * position * np.exp(-s * (uav.link.delay + DT / 2)) * climbs / s
 

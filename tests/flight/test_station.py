@@ -36,7 +36,7 @@ def decided(memory, dog=(0.0, 0.0), sheep=(0.0, 0.0), stage=STATION):
 
 
 def test_the_feedforward_adds_its_share_of_the_setpoints_velocity_and_changes_no_feedback():
-    memory = decided(station.start(a_frame()), dog=(0.5, -0.2))
+    memory = decided(station.start(STATION, a_frame()), dog=(0.5, -0.2))
     found = {}
     for share in (0.0, 1.0):
         uav = replace(UAV, position=replace(UAV.position, feedforward=share))
@@ -48,7 +48,7 @@ def test_the_feedforward_adds_its_share_of_the_setpoints_velocity_and_changes_no
 
 
 def test_a_drone_on_a_set_point_that_stands_is_commanded_nothing():
-    _, sent = station.act(STATION, station.start(a_frame()), 0.0, height(a_frame()))
+    _, sent = station.act(STATION, station.start(STATION, a_frame()), 0.0, height(a_frame()))
     np.testing.assert_allclose(sent.velocity, 0.0, atol=1e-12)
     np.testing.assert_allclose(sent.tilt, 0.0, atol=1e-12)
     np.testing.assert_allclose(sent.twist.turn_rate, 0.0, atol=1e-12)
@@ -56,7 +56,7 @@ def test_a_drone_on_a_set_point_that_stands_is_commanded_nothing():
 
 @pytest.mark.parametrize("far", [0.3, 50.0])
 def test_a_drone_is_sent_towards_its_set_point_and_no_faster_than_its_profile_has_it(far):
-    memory = station.start(a_frame())
+    memory = station.start(STATION, a_frame())
     memory = memory._replace(
         dog_setpoint=setpoints.stand(memory.dog_setpoint.origin + far * np.array([0.6, 0.8]))
     )
@@ -68,7 +68,7 @@ def test_a_drone_is_sent_towards_its_set_point_and_no_faster_than_its_profile_ha
 
 
 def test_no_set_point_leaves_the_airspace_or_the_arena():
-    memory = station.start(a_frame(dogs=[[6.15, -0.15, 2.0]], sheep=[[5.98, 0.01]]))
+    memory = station.start(STATION, a_frame(dogs=[[6.15, -0.15, 2.0]], sheep=[[5.98, 0.01]]))
     for _ in range(5):
         memory = decided(memory, dog=(1.0, -1.0), sheep=(0.5, -0.5))
         for setpoint, (least, most) in (
@@ -82,7 +82,7 @@ def test_no_set_point_leaves_the_airspace_or_the_arena():
 
 def test_a_drone_on_its_way_keeps_its_set_point_until_it_is_there():
     waits = STATION._replace(tolerance=0.05)
-    memory = decided(station.start(a_frame()), dog=(1.0, 0.0), stage=waits)
+    memory = decided(station.start(STATION, a_frame()), dog=(1.0, 0.0), stage=waits)
     before = setpoints.at(memory.dog_setpoint, PERIOD)
     assert station.waiting(waits, memory).all()
     after = decided(memory, dog=(0.0, 1.0), stage=waits)
@@ -96,7 +96,7 @@ def test_a_drone_on_its_way_keeps_its_set_point_until_it_is_there():
 
 
 def test_a_yaw_that_passes_half_a_turn_is_seen_to_turn_on():
-    memory = station.start(a_frame(yaw=[3.1]))
+    memory = station.start(STATION, a_frame(yaw=[3.1]))
     for count in range(1, 60):
         frame = a_frame(yaw=[(3.1 + 0.02 * count + np.pi) % (2 * np.pi) - np.pi])
         memory = station.see(memory, frame)
@@ -105,7 +105,7 @@ def test_a_yaw_that_passes_half_a_turn_is_seen_to_turn_on():
 
 
 def test_what_is_not_seen_moves_on_and_what_a_blind_frame_says_is_not_believed():
-    memory = station.start(a_frame())
+    memory = station.start(STATION, a_frame())
     blind = a_frame(dogs=[[9.0, 9.0, 9.0]], sheep=[[9.0, 9.0]], yaw=[2.0], seen=False)
     after = station.see(memory, blind)
     for part in ("dogs", "sheep", "yaw"):
@@ -116,7 +116,7 @@ def test_what_is_not_seen_moves_on_and_what_a_blind_frame_says_is_not_believed()
 def test_an_ideal_rover_goes_where_it_is_pushed_in_every_steering(steering):
     stage = STATION._replace(steering=steering)
     place, yaw, pushed = np.array([3.0, 3.0]), 2.5, np.array([0.3, -0.2])
-    memory = station.start(a_frame(sheep=[place], yaw=[yaw]))
+    memory = station.start(STATION, a_frame(sheep=[place], yaw=[yaw]))
     seconds = 6.0
     for tick in range(round(seconds / DT)):
         if tick % round(PERIOD / DT) == 0:
@@ -133,7 +133,7 @@ def test_an_ideal_rover_goes_where_it_is_pushed_in_every_steering(steering):
 
 
 def test_the_flock_is_the_set_points_in_reference_and_else_where_it_is_seen():
-    memory = decided(station.start(a_frame()), sheep=(0.3, 0.0))
+    memory = decided(station.start(STATION, a_frame()), sheep=(0.3, 0.0))
     ahead = station.flock(STATION, memory)
     np.testing.assert_allclose(ahead[0, 0], [4.03, 4.0])
     for steering in ("track", "turn"):

@@ -89,6 +89,7 @@ def rotors(
     climb = uav.velocity
     lift = climb.climb_gain * (velocity[..., 2] - motion.velocity[..., 2])
     lift = lift + climb.climb_damping * (change[..., 2] - motion.acceleration[..., 2])
+    lift = lift + uav.body.drag / uav.body.mass * velocity[..., 2]
     upright = np.cos(motion.attitude[..., 0]) * np.cos(motion.attitude[..., 1])
     thrust = uav.body.mass * (GRAVITY + lift) / np.maximum(upright, 0.5)
     torque = np.asarray(uav.body.inertia) * angular

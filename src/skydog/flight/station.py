@@ -65,9 +65,10 @@ class Commands(NamedTuple):
     twist: Twist  # of the rovers
 
 
-def start(frame: Frame) -> Memory:
-    """The memory when all stand where the first frame has them."""
+def start(station: Station, frame: Frame) -> Memory:
+    """The memory when all stand where the first frame has them, and are to stand there."""
     sheep = estimate.start(frame.sheep)
+    at = rovers.steered(station.rover, Pose(frame.sheep, frame.yaw))
     still = np.zeros_like(frame.yaw)
     level = np.zeros_like(frame.dogs[..., :2])
     return Memory(
@@ -75,7 +76,7 @@ def start(frame: Frame) -> Memory:
         sheep=sheep,
         yaw=estimate.start(frame.yaw[..., None]),
         dog_setpoint=setpoints.stand(frame.dogs[..., :2]),
-        sheep_setpoint=setpoints.stand(frame.sheep),
+        sheep_setpoint=setpoints.stand(at),
         lag=level,
         trim=level,
         command=np.zeros_like(frame.dogs),

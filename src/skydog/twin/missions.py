@@ -135,7 +135,7 @@ class Flight:
         self.plant.place(
             _with_height(starts.dogs, pad), _with_height(starts.sheep, wheel), self.luck.yaw
         )
-        self.memory = station.start(_exact(self.plant.truth()))
+        self.memory = station.start(self.station, _exact(self.plant.truth()))
         self.force = np.zeros((missions, sheep, 2), np.float32)
         self.how = np.full(missions, OUT_OF_TIME)
 
