@@ -36,10 +36,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=12)
     cases = parser.parse_args().cases
-    rows = []
     sim, phy = "H-DDPG-6x6-Sim", "H-DDPG-6x6-Phy"
-    for speed in SPEEDS:
-        rows.append(line(sim, f"speed {speed:.3f}", speed, cases, Twin(), physical.SIM))
+    rows = [line(sim, f"speed {speed:.3f}", speed, cases, Twin(), physical.SIM) for speed in SPEEDS]
     for gust in GUSTS:
         for tolerance in TOLERANCES:
             disturb = replace(DISTURBANCES["lab"], gust=gust)

@@ -19,7 +19,7 @@ from skydog.study.cases import cases
 from skydog.world import trace as traces
 from skydog.world.presets import PRESETS, preset
 
-COMMANDS = ("herd", "train", "test", "reproduce", "replay", "watch", "export", "presets")
+COMMANDS = ("herd", "train", "test", "twin", "reproduce", "replay", "watch", "export", "presets")
 
 
 @pytest.fixture

@@ -135,7 +135,9 @@ def test_an_ideal_rover_goes_where_it_is_pushed_in_every_steering(steering):
 def test_the_flock_is_the_set_points_in_reference_and_else_where_it_is_seen():
     memory = decided(station.start(STATION, a_frame()), sheep=(0.3, 0.0))
     ahead = station.flock(STATION, memory)
-    np.testing.assert_allclose(ahead[0, 0], [4.03, 4.0])
+    # The point that is steered stands ahead of the axle.
+    ahead_of_axle = ROVER.tracking.ahead
+    np.testing.assert_allclose(ahead[0, 0], [4.03 + ahead_of_axle, 4.0])
     for steering in ("track", "turn"):
         seen = station.flock(STATION._replace(steering=steering), memory)
         np.testing.assert_array_equal(seen, memory.sheep.position)

@@ -30,6 +30,7 @@ ROVERS = "kobuki"
 
 
 CHOSEN_BY = 60  # starts
+CHOSEN_STEPS = 1000
 CHOSEN_SEED = 2  # the study's own have 0 and 1
 
 
@@ -96,7 +97,7 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
     if not training.train_all(todo):
         training.stopped(command, resumes=True)
         return False
-    line = Mission("", physical.SIM, 1.0, "spaced", CHOSEN_BY, seed=CHOSEN_SEED)
+    line = Mission("", physical.SIM, 1.0, "spaced", CHOSEN_BY, CHOSEN_STEPS, seed=CHOSEN_SEED)
     for kind, places in folders.items():
         found = []
         for seed, folder in enumerate(places):

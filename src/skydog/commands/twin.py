@@ -112,6 +112,8 @@ def twin(
     for name, value, most in (("cases", cases, 100_000), ("steps", steps, MOST_STEPS)):
         if not 1 <= value <= most:
             raise Refusal(f"there are 1 to {most:,} {name}, got {value}; try --{name} 30")
+    if not 0 <= threads <= 1024:
+        raise Refusal(f"missions fly on 1 core or more, 0 for all, got {threads}; try --threads 0")
     if wait is not None and not 0.0 < wait < float("inf"):
         raise Refusal(f"a waypoint's tolerance is a length in metres, got {wait}; try --wait 0.1")
     if video is not None and video.suffix != ".mp4":

@@ -123,6 +123,8 @@ def read() -> Trained:
     dogs, chosen = {}, {}
     for name in store.ships():
         dog, card = store.read(name)
+        if card["name"] not in CHOSEN_IN:  # of the physical study
+            continue
         dogs[card["name"]] = [dog]
         chosen[card["name"]] = 0
     return Trained(dogs, _read_curves(store.ZOO / CURVES), chosen)

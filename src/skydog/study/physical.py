@@ -42,7 +42,7 @@ class Mission:
     speed: float  # share of the speeds of the paper's Section 5
     starts: FlyableStarts
     cases: int
-    steps: int = MAX_STEPS
+    steps: int
     gate_as_paper: bool = False  # the furthest stray first
     seed: int = 0
 
@@ -108,11 +108,13 @@ def missions(dogs: tuple[str, ...]) -> dict[str, Mission]:
             )
     for dog in dogs:
         for cause, setting in CAUSES.items():
-            lines[f"{dog}: {cause}, full"] = Mission(dog, setting, 1.0, "spaced", GAP_CASES)
+            lines[f"{dog}: {cause}, full"] = Mission(
+                dog, setting, 1.0, "spaced", GAP_CASES, MAX_STEPS
+            )
         for cause in AT_A_SIXTH:
-            line = Mission(dog, CAUSES[cause], SPEEDS["a sixth"], "spaced", GAP_CASES)
+            line = Mission(dog, CAUSES[cause], SPEEDS["a sixth"], "spaced", GAP_CASES, MAX_STEPS)
             lines[f"{dog}: {cause}, a sixth"] = line
-        lab = Mission(dog, Setting("ardrone2", "lab"), 1.0, "spaced", LAB_CASES, seed=1)
+        lab = Mission(dog, Setting("ardrone2", "lab"), 1.0, "spaced", LAB_CASES, MAX_STEPS, seed=1)
         lines[f"{dog}: lab, {LAB_CASES:,}"] = lab
     return lines
 
