@@ -2,12 +2,16 @@
 
 import json
 
+import jax
 import numpy as np
 import pytest
 
 from skydog.commands import physical as command
+from skydog.commands import training
 from skydog.errors import Refusal
 from skydog.shepherds import store
+from skydog.shepherds.networks import Actor
+from skydog.shepherds.sheepdog import Sheepdog
 from skydog.study import paper, physical, statistics
 from skydog.study.physical import Setting
 from skydog.twin import film
@@ -140,11 +144,23 @@ def test_the_physical_study_stands_beside_the_papers_and_continues_where_it_was(
 
 
 def test_of_several_seeds_taught_the_fastest_in_the_twin_ships(tmp_path, monkeypatch):
+    actors = [Actor(4, 2, (6,), jax.random.key(seed)) for seed in range(3)]
+    dogs = [Sheepdog(actor, actor, 4.0) for actor in actors]
+    needed = {id(dog): steps for dog, steps in zip(dogs, (7.0, 5.0, 6.0), strict=True)}
+    monkeypatch.setattr(training, "train_all", lambda _: True)
+    monkeypatch.setattr(training, "fuse", lambda kind, folder, seed: (dogs[seed], {}))
+    flown = {"success": 1.0}
+    monkeypatch.setattr(
+        physical, "fly", lambda line, dog, *_: ({**flown, "steps": {"mean": needed[id(dog)]}}, None)
+    )
     monkeypatch.setattr(command, "SIZES", (4.0,))
-    monkeypatch.setattr(command, "CHOSEN_BY", 2)
-    monkeypatch.setattr(command, "CHOSEN_STEPS", 3)
-    assert command._teach(tmp_path, 2, 4, "skydog reproduce --physical")
+    assert command._teach(tmp_path, 3, 4, "skydog reproduce --physical")
     _, card = store.read(tmp_path / "zoo" / "h-ddpg-4x4-physical.safetensors")
-    assert card["name"] == "H-DDPG-4x4-physical"
-    assert card["seed"] in (0, 1)
-    assert card["results"]["H-DDPG-4x4-physical in the twin steps"] == 3.0
+    assert (card["name"], card["seed"]) == ("H-DDPG-4x4-physical", 1)
+    assert card["results"]["H-DDPG-4x4-physical in the twin steps"] == 5.0
+
+
+def test_teaching_that_was_stopped_flies_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "train_all", lambda _: False)
+    assert command.run(tmp_path, 1, 4, False, "skydog reproduce --physical") is None
+    assert not (tmp_path / "zoo").exists()

@@ -72,21 +72,22 @@ def test_a_drone_takes_off_holds_and_lands_softly(uav):
     rig = Rig(uav, height=floor)
     start = rig.plant.truth().dogs[0, 0]
 
-    def goes_to(height, seconds):
+    def goes_by(climbs, seconds):
         found = []
         for _ in range(round(seconds / 0.01)):
-            z = rig.plant.truth().dogs[0, :, 2]
-            climb = float(altitude.climb(uav, z, height)[0])
+            climb = float(climbs(rig.plant.truth().dogs[0, :, 2])[0])
             found.append(rig.fly([(0.0, 0.0, climb)] * 2))
         place, velocity, attitude = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return place, velocity, attitude
 
-    place, velocity, attitude = goes_to(altitude.HEIGHT, 8.0)
+    place, velocity, attitude = goes_by(
+        lambda z: altitude.climb(uav, z, np.array(altitude.HEIGHT)), 8.0
+    )
     assert velocity[:, 2].max() <= uav.velocity.largest_climb + 0.05
     assert place[:, 2].max() < altitude.HEIGHT + 0.2
     np.testing.assert_allclose(place[-200:, 2], altitude.HEIGHT, atol=0.03)
     np.testing.assert_allclose(attitude, 0.0, atol=1e-6)
-    place, velocity, _ = goes_to(floor, 8.0)
+    place, velocity, _ = goes_by(lambda z: altitude.land(uav, z), 9.0)
     touches = np.flatnonzero(place[:, 2] < floor + 0.005)[0]
     assert velocity[touches, 2] > -0.3
     np.testing.assert_allclose(place[-1], start, atol=0.03)

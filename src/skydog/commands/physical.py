@@ -43,14 +43,12 @@ def run(out: Path, seeds: int, episodes: int, from_zoo: bool, command: str) -> R
     if not from_zoo and not _teach(out, seeds, episodes, command):
         return None
     home = store.ZOO if from_zoo else out / "zoo"
-    paths = {name: store.ZOO / f"{name}.safetensors" for name in physical.UNTAUGHT}
-    paths |= {name: home / f"{name}.safetensors" for name in physical.TAUGHT}
     dogs = (*physical.UNTAUGHT, *physical.TAUGHT)
     lines = physical.missions(dogs)
     results: Results = {}
     for number, (name, line) in enumerate(lines.items(), 1):
         where = out / "lines" / f"{_plain(name)}.json"
-        file = paths[line.dog]
+        file = (home if line.dog in physical.TAUGHT else store.ZOO) / f"{line.dog}.safetensors"
         asked = files.plain({**asdict(line), "SHA-256": sha256(file.read_bytes()).hexdigest()})
         if (kept := _kept(where, asked)) is None:
             with console.Missions(line.cases, f"{number} of {len(lines)}: {name}") as bar:
