@@ -55,7 +55,7 @@ class Watched(Flight):
 def by_steering(begins: State) -> str:
     """A line for each way of steering rovers, and one for the kinematic world."""
     dog, key = store.load(DOG), jax.random.key(0)
-    head = ["rovers", "success", "steps", "decided on, apart from the true rovers", "way made"]
+    head = ["rovers", "success", "steps", "shown to the shepherd: off by", "way made"]
     flown = evaluate.measure(evaluate.fly(WORLD, dog, begins))
     rows = [["as points (kinematic)", *_figures(flown), "0", "100 %"]]
     for way in WAYS:

@@ -106,7 +106,7 @@ def test_a_broken_profile_is_refused_by_the_name_of_what_is_wrong(tmp_path, old,
 
 
 def test_a_rover_with_a_dc_gain_above_zero_is_refused_too(tmp_path):
-    with pytest.raises(Refusal, match="delta must be larger than 1 / phi; try delta = 2"):
+    with pytest.raises(Refusal, match="delta must be larger than 1 / phi; try delta = 4"):
         load(tmp_path, changed("kobuki", r"^delta = \S+", "delta = 1.0"), "rover")
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 ROVERS = "kobuki"
 
 
+PROFILES = sorted((Path(profiles.__file__).parent / "profiles").glob("*.toml"))
 CHOSEN_BY = 60  # starts
 CHOSEN_STEPS = 1000
 CHOSEN_SEED = 2  # the study's own have 0 and 1
@@ -49,7 +50,7 @@ def run(out: Path, seeds: int, episodes: int, from_zoo: bool, command: str) -> R
     for number, (name, line) in enumerate(lines.items(), 1):
         where = out / "lines" / f"{_plain(name)}.json"
         file = (home if line.dog in physical.TAUGHT else store.ZOO) / f"{line.dog}.safetensors"
-        asked = files.plain({**asdict(line), "SHA-256": sha256(file.read_bytes()).hexdigest()})
+        asked = files.plain({**asdict(line), "SHA-256": _digest([file, *PROFILES])})
         if (kept := _kept(where, asked)) is None:
             with console.Missions(line.cases, f"{number} of {len(lines)}: {name}") as bar:
                 kept, first = physical.fly(
@@ -108,6 +109,14 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
         card = training.card(kind, seed, command, {f"{kind.dog} in the twin": flown})
         store.save(out / "zoo" / f"{kind.dog.lower()}.safetensors", dog, card)
     return True
+
+
+def _digest(read: list[Path]) -> str:
+    """A mark of what files hold."""
+    whole = sha256()
+    for file in read:
+        whole.update(file.read_bytes())
+    return whole.hexdigest()
 
 
 def draw(world: "World", line: Mission) -> "State":

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from skydog.flight.bounds import clipped
 from skydog.flight.profiles import UAV
 
 HEIGHT = 2.0  # m; paper, "Action and state space": the altitude that the UAV holds
@@ -16,9 +17,9 @@ def climb(
 ) -> Float[np.ndarray, "*batch"]:
     """The climb rate in m/s that brings a drone to `height` metres and holds it there."""
     most = uav.velocity.largest_climb
-    return np.clip(GAIN * (height - altitude), -most, most)
+    return clipped(GAIN * (height - altitude), -most, most)
 
 
 def land(uav: UAV, altitude: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
     """The climb rate in m/s of a drone that lands: the slower the lower it is."""
-    return -np.clip(LANDING * altitude, SLOWEST, uav.velocity.largest_climb)
+    return -clipped(LANDING * altitude, SLOWEST, uav.velocity.largest_climb)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from skydog.flight.bounds import clipped
 from skydog.flight.profiles import UAV
 
 GRAVITY = 9.81  # m/s²
@@ -50,7 +51,7 @@ def tilt(
     forward = cos * wanted[..., 0] + sin * wanted[..., 1]
     left = cos * wanted[..., 1] - sin * wanted[..., 0]
     tilted = np.stack([-left, forward], axis=-1) / GRAVITY
-    return np.clip(tilted, -uav.attitude.largest, uav.attitude.largest)
+    return clipped(tilted, -uav.attitude.largest, uav.attitude.largest)
 
 
 def rotors(
@@ -69,7 +70,7 @@ def rotors(
     change = (velocity - memory.velocity) / dt
     yaw = motion.attitude[..., 2]
     if tilted is None:
-        tilted = tilt(
+        wanted = tilt(
             uav,
             velocity[..., :2],
             change[..., :2],
@@ -77,12 +78,14 @@ def rotors(
             motion.acceleration[..., :2],
             yaw,
         )
+    else:
+        wanted = tilted
     loop = uav.attitude
     most = loop.largest_rate * dt
-    tilted = memory.tilt + np.clip(tilted - memory.tilt, -most, most)
-    rate = (tilted - memory.tilt) / dt
+    step = clipped(wanted - memory.tilt, -most, most)
+    leant, rate = memory.tilt + step, step / dt
     angular = np.empty_like(motion.attitude)
-    angular[..., :2] = loop.gain * (tilted - motion.attitude[..., :2]) + loop.damping * (
+    angular[..., :2] = loop.gain * (leant - motion.attitude[..., :2]) + loop.damping * (
         loop.lead * rate - motion.rates[..., :2]
     )
     angular[..., 2] = loop.yaw_gain * (-yaw * loop.yaw_gain / 4.0 - motion.rates[..., 2])
@@ -93,7 +96,7 @@ def rotors(
     upright = np.cos(motion.attitude[..., 0]) * np.cos(motion.attitude[..., 1])
     thrust = uav.body.mass * (GRAVITY + lift) / np.maximum(upright, 0.5)
     torque = np.asarray(uav.body.inertia) * angular
-    return Memory(velocity, tilted), mix(uav, thrust, torque)
+    return Memory(velocity, leant), mix(uav, thrust, torque)
 
 
 def mix(
@@ -107,12 +110,11 @@ def mix(
     body = uav.body
     most = body.rotor_thrust
     reach = body.arm / np.sqrt(2.0)
-    lever = torque / np.array([reach, reach, body.rotor_torque])
-    turned = 0.25 * np.einsum("...i,ri->...r", lever, ROTORS)
-    turned = np.clip(turned, -0.5 * most, 0.5 * most)
+    turned = (0.25 * torque / (reach, reach, body.rotor_torque)) @ ROTORS.T
+    turned = clipped(turned, -0.5 * most, 0.5 * most)
     least = -np.min(turned, axis=-1)
-    share = np.clip(0.25 * thrust, least, most - np.max(turned, axis=-1))
-    return np.clip(share[..., None] + turned, 0.0, most)
+    share = clipped(0.25 * thrust, least, most - np.max(turned, axis=-1))
+    return clipped(share[..., None] + turned, 0.0, most)
 
 
 # Where each rotor stands and how its drag turns the body: the signs of the torque about x, y and z

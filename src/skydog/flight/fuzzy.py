@@ -8,6 +8,8 @@ controller stays SNI and N(0) = 1/Φ - Δ stays below zero, so that no rule can 
 import numpy as np
 from jaxtyping import Float
 
+from skydog.flight.bounds import clipped
+
 # Where a set is certain: |error| in radians, and by how much it grows in rad/s.
 ERROR = np.array([0.0, 0.5, 1.5])  # small, medium, large
 GROWTH = np.array([-2.0, 0.0, 2.0])  # shrinks, stands, grows
@@ -41,6 +43,6 @@ def _memberships(
 ) -> Float[np.ndarray, "*batch 3"]:
     """How far a value belongs to each of three triangular sets; the outer ones have shoulders."""
     least, middle, most = peaks
-    below = np.clip((middle - value) / (middle - least), 0.0, 1.0)
-    above = np.clip((value - middle) / (most - middle), 0.0, 1.0)
+    below = clipped((middle - value) / (middle - least), 0.0, 1.0)
+    above = clipped((value - middle) / (most - middle), 0.0, 1.0)
     return np.stack([below, 1.0 - below - above, above], axis=-1)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from skydog.flight import fuzzy, sni
+from skydog.flight.bounds import clipped
 from skydog.flight.profiles import Rover
 
 
@@ -55,7 +56,7 @@ def track(
     along = cos * wanted[..., 0] + sin * wanted[..., 1]
     across = cos * wanted[..., 1] - sin * wanted[..., 0]
     most = rover.motion.largest_turn_rate
-    return Twist(along, np.clip(across / loop.ahead, -most, most))
+    return Twist(along, clipped(across / loop.ahead, -most, most))
 
 
 class YawMemory(NamedTuple):
@@ -83,7 +84,7 @@ def turn_then_drive(
     lag, turn_rate = sni.step(rover.yaw, memory.lag, error, dt, scale)
     most = rover.motion.largest_turn_rate
     turned = np.abs(error) <= rover.yaw.moves_within
-    twist = Twist(np.where(turned, size, 0.0), np.clip(turn_rate, -most, most))
+    twist = Twist(np.where(turned, size, 0.0), clipped(turn_rate, -most, most))
     return YawMemory(lag, error), twist
 
 
@@ -91,11 +92,11 @@ def within_limits(rover: Rover, before: Twist, wanted: Twist, dt: float) -> Twis
     """The twist that a rover may be commanded `dt` seconds after the one before."""
     limits = rover.motion
     faster, turning = limits.acceleration * dt, limits.turn_acceleration * dt
-    speed = np.clip(wanted.speed, -limits.largest_speed, limits.largest_speed)
-    rate = np.clip(wanted.turn_rate, -limits.largest_turn_rate, limits.largest_turn_rate)
+    speed = clipped(wanted.speed, -limits.largest_speed, limits.largest_speed)
+    rate = clipped(wanted.turn_rate, -limits.largest_turn_rate, limits.largest_turn_rate)
     return Twist(
-        before.speed + np.clip(speed - before.speed, -faster, faster),
-        before.turn_rate + np.clip(rate - before.turn_rate, -turning, turning),
+        before.speed + clipped(speed - before.speed, -faster, faster),
+        before.turn_rate + clipped(rate - before.turn_rate, -turning, turning),
     )
 
 

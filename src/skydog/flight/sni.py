@@ -9,6 +9,7 @@ control stabilization"); its transfer functions are in a supplement that we do n
 import numpy as np
 from jaxtyping import Float
 
+from skydog.flight.bounds import clipped
 from skydog.flight.profiles import Position, Yaw
 
 FAR = 0.5  # m: the trim estimator waits while the error is larger, which no trim explains
@@ -45,7 +46,7 @@ def trim(
     """
     near = np.hypot(error[..., :1], error[..., 1:]) <= FAR
     after = estimate + np.where(near, loop.trim * dt * error, 0.0)
-    return np.clip(after, -loop.largest_trim, loop.largest_trim)
+    return clipped(after, -loop.largest_trim, loop.largest_trim)
 
 
 def coefficients(loop: Position | Yaw) -> tuple[list[float], list[float]]:

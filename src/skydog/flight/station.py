@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from skydog.flight import altitude, autopilot, estimate, rovers, setpoints, sni
+from skydog.flight.bounds import clipped
 from skydog.flight.estimate import Estimate
 from skydog.flight.options import Steering
 from skydog.flight.profiles import UAV, Rover
@@ -156,14 +157,16 @@ def act(
     level = level * np.minimum(1.0, most / np.maximum(size, most))
     climb = altitude.climb(station.uav, here.position[..., 2], height)
     command = np.concatenate([level, climb[..., None]], axis=-1)
-    tilt = autopilot.tilt(
-        station.uav,
-        level,
-        (level - memory.command[..., :2]) / DT,
-        here.velocity[..., :2],
-        np.zeros_like(level),
-        np.zeros_like(climb),
-    )
+    tilt = np.zeros_like(level)
+    if not station.uav.velocity.on_board:
+        tilt = autopilot.tilt(
+            station.uav,
+            level,
+            (level - memory.command[..., :2]) / DT,
+            here.velocity[..., :2],
+            np.zeros_like(level),
+            np.zeros_like(climb),
+        )
     steered, twist = _steer(station, memory, elapsed)
     twist = rovers.within_limits(station.rover, memory.twist, twist, DT)
     memory = memory._replace(lag=lag, trim=trim, command=command, steered=steered, twist=twist)
@@ -181,6 +184,6 @@ def _steer(station: Station, memory: Memory, elapsed: float) -> tuple[YawMemory,
 
 def _within(setpoint: Setpoint, bounds: tuple[float, float], dt: float) -> Setpoint:
     """The set-point, turned aside so that it ends within bounds."""
-    origin = np.clip(setpoint.origin, *bounds)
-    end = np.clip(origin + dt * setpoint.velocity, *bounds)
+    origin = clipped(setpoint.origin, *bounds)
+    end = clipped(origin + dt * setpoint.velocity, *bounds)
     return Setpoint(origin, (end - origin) / dt)

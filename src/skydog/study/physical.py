@@ -87,7 +87,15 @@ CAUSES = {
     "tum-simulator, rovers track": Setting(steering="track"),
     "tum-simulator, rovers turn, then drive": Setting(steering="turn"),
 }
-AT_A_SIXTH = ("kinematic", "both: tum-simulator", "and noise: ardrone2, lab")
+# Of the other dogs than the first, and at a sixth of the speed.
+FOR_ALL = (
+    "kinematic",
+    "the drone lags",
+    "both: tum-simulator",
+    "and delay, drag: ardrone2",
+    "and noise: ardrone2, lab",
+)
+AT_A_SIXTH = ("kinematic", "both: tum-simulator")
 GAP_CASES, LAB_CASES = 100, 1000
 METRICS = ("steps_gcm", "distance", "error_per_step", "dog_to_subgoal", "centre_to_target")
 
@@ -107,15 +115,18 @@ def missions(dogs: tuple[str, ...]) -> dict[str, Mission]:
                 dog, setting, speed, "paper", cases, 2 * MAX_STEPS, gate_as_paper=True
             )
     for dog in dogs:
-        for cause, setting in CAUSES.items():
+        first = dog == dogs[0]
+        for cause in CAUSES if first else FOR_ALL:
             lines[f"{dog}: {cause}, full"] = Mission(
-                dog, setting, 1.0, "spaced", GAP_CASES, MAX_STEPS
+                dog, CAUSES[cause], 1.0, "spaced", GAP_CASES, MAX_STEPS
             )
         for cause in AT_A_SIXTH:
-            line = Mission(dog, CAUSES[cause], SPEEDS["a sixth"], "spaced", GAP_CASES, MAX_STEPS)
-            lines[f"{dog}: {cause}, a sixth"] = line
+            lines[f"{dog}: {cause}, a sixth"] = Mission(
+                dog, CAUSES[cause], SPEEDS["a sixth"], "spaced", GAP_CASES, MAX_STEPS
+            )
+    for dog in UNTAUGHT:
         lab = Mission(dog, Setting("ardrone2", "lab"), 1.0, "spaced", LAB_CASES, MAX_STEPS, seed=1)
-        lines[f"{dog}: lab, {LAB_CASES:,}"] = lab
+        lines[f"{dog}: lab"] = lab
     return lines
 
 
@@ -170,7 +181,10 @@ def gap_table(results: Results, dogs: tuple[str, ...]) -> Table:
                 continue
             cells = [f"{cause}, {speed} speed"]
             for dog in dogs:
-                row = results[f"{dog}: {cause}, {speed}"]
+                row = results.get(f"{dog}: {cause}, {speed}")
+                if row is None:
+                    cells += ["—"] * 3
+                    continue
                 base = results[f"{dog}: kinematic, {speed}"]["steps"]["mean"]
                 cells += [
                     report.share(row["success"]),
@@ -181,12 +195,12 @@ def gap_table(results: Results, dogs: tuple[str, ...]) -> Table:
     return head, body
 
 
-def lab_table(results: Results, dogs: tuple[str, ...]) -> Table:
+def lab_table(results: Results) -> Table:
     """Success in an emulated laboratory, over many starts."""
     head = ["ardrone2, lab", "success", "steps", "error a step (m)", "ended"]
     body = []
-    for dog in dogs:
-        row = results[f"{dog}: lab, {LAB_CASES:,}"]
+    for dog in UNTAUGHT:
+        row = results[f"{dog}: lab"]
         ended = ", ".join(f"{count} {how}" for how, count in row["endings"].items())
         body.append(
             [
@@ -235,7 +249,7 @@ def sections(results: Results, dogs: tuple[str, ...]) -> dict[str, Table]:
         f"The four rows, at the speed: {called}": rows_table(results, called) for called in SPEEDS
     }
     titled["What physics costs, cause by cause"] = gap_table(results, dogs)
-    titled["An emulated laboratory, 1,000 missions each"] = lab_table(results, dogs)
+    titled["An emulated laboratory, 1,000 missions each"] = lab_table(results)
     return titled
 
 

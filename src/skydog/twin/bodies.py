@@ -11,6 +11,7 @@ from mujoco import MjSpec, mjtGeom
 
 from skydog.errors import Refusal
 from skydog.flight import autopilot
+from skydog.flight.bounds import clipped
 from skydog.flight.profiles import UAV, Rover
 
 TIMESTEP = 0.005  # s; see docs/twin.md for what half of it changes
@@ -110,11 +111,12 @@ def attitudes(
     quaternion: Float[np.ndarray, "*batch 4"],
 ) -> Float[np.ndarray, "*batch 3"]:
     """Roll, pitch and yaw in radians of a unit quaternion, real part first."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return np.stack([roll, pitch, yaw], axis=-1)
+    w, x, y, z = (quaternion[..., part] for part in range(4))
+    angles = np.empty((*quaternion.shape[:-1], 3))
+    np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y), out=angles[..., 0])
+    np.arcsin(clipped(2 * (w * y - z * x), -1.0, 1.0), out=angles[..., 1])
+    np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z), out=angles[..., 2])
+    return angles
 
 
 def _actuators(

@@ -23,9 +23,14 @@ class Truth(NamedTuple):
     """Where the bodies are in truth. Metres, radians."""
 
     dogs: Float[np.ndarray, "batch dogs 3"]
-    attitude: Float[np.ndarray, "batch dogs 3"]
+    quaternion: Float[np.ndarray, "batch dogs 4"]
     sheep: Float[np.ndarray, "batch sheep 2"]
     yaw: Float[np.ndarray, "batch sheep"]
+
+    @property
+    def attitude(self) -> Float[np.ndarray, "batch dogs 3"]:
+        """Roll, pitch and yaw of the drones."""
+        return attitudes(self.quaternion)
 
 
 class Plant:
@@ -65,9 +70,9 @@ class Plant:
     def truth(self) -> Truth:
         """Where the bodies are."""
         dogs, sheep = self._qpos[:, self._dogs], self._qpos[:, self._sheep]
-        w, x, y, z = np.moveaxis(sheep[..., 3:], -1, 0)
+        w, x, y, z = (sheep[..., part] for part in range(3, 7))
         yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        return Truth(dogs[..., :3], attitudes(dogs[..., 3:]), sheep[..., :2], yaw)
+        return Truth(dogs[..., :3], dogs[..., 3:], sheep[..., :2], yaw)
 
     def crashed(self) -> tuple[Bool[np.ndarray, " batch"], Bool[np.ndarray, " batch"]]:
         """In which missions a rover is upset, and in which a drone is down."""
