@@ -4,6 +4,8 @@
 here, and records the same trace. `pip install 'skydog[twin]'` brings the physics.
 """
 
+import os
+
 from skydog.errors import Refusal
 
 try:
@@ -11,6 +13,11 @@ try:
     from mujoco import batch as _batch  # noqa: F401
 except ImportError:
     raise Refusal("the twin needs MuJoCo 4.0 or newer; run: pip install 'skydog[twin]'") from None
+except AttributeError:  # what MuJoCo raises where the OpenGL that MUJOCO_GL names is missing
+    raise Refusal(
+        f"MuJoCo finds no OpenGL for MUJOCO_GL={os.environ.get('MUJOCO_GL')}; unset it, or install "
+        "libosmesa6 for osmesa"
+    ) from None
 
 from skydog.twin.disturbances import DISTURBANCES, Disturbances
 from skydog.twin.missions import Twin
