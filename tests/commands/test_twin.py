@@ -6,9 +6,11 @@ import jax
 import numpy as np
 import pytest
 
+from skydog import files
 from skydog.commands import physical as command
 from skydog.commands import training
 from skydog.errors import Refusal
+from skydog.learning import train
 from skydog.shepherds import store
 from skydog.shepherds.networks import Actor
 from skydog.shepherds.sheepdog import Sheepdog
@@ -148,7 +150,13 @@ def test_of_several_seeds_taught_the_fastest_in_the_twin_ships(tmp_path, monkeyp
     actors = [Actor(4, 2, (6,), jax.random.key(seed)) for seed in range(3)]
     dogs = [Sheepdog(actor, actor, 4.0) for actor in actors]
     needed = {id(dog): steps for dog, steps in zip(dogs, (7.0, 5.0, 6.0), strict=True)}
-    monkeypatch.setattr(training, "train_all", lambda _: True)
+
+    def train_all(jobs):
+        for job in jobs:
+            files.write_text(train.checkpoint_in(job.folder), job.name)
+        return True
+
+    monkeypatch.setattr(training, "train_all", train_all)
     monkeypatch.setattr(training, "fuse", lambda kind, folder, seed: (dogs[seed], {}))
     flown = {"success": 1.0}
     monkeypatch.setattr(
@@ -159,6 +167,8 @@ def test_of_several_seeds_taught_the_fastest_in_the_twin_ships(tmp_path, monkeyp
     _, card = store.read(tmp_path / "zoo" / "h-ddpg-4x4-physical.safetensors")
     assert (card["name"], card["seed"]) == ("H-DDPG-4x4-physical", 1)
     assert card["results"]["H-DDPG-4x4-physical in the twin steps"] == 5.0
+    monkeypatch.setattr(physical, "fly", None)  # called again, nothing is flown
+    assert command._teach(tmp_path, 3, 4, "skydog reproduce --physical")
 
 
 def test_teaching_that_was_stopped_flies_nothing(tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ from skydog.commands import console, training
 from skydog.flight import profiles
 from skydog.learning.curriculum import Curriculum
 from skydog.learning.lessons import HORIZON
+from skydog.learning.train import checkpoint_in
 from skydog.shepherds import store
 from skydog.study import evaluate, physical, report
 from skydog.study.options import Results
@@ -98,6 +99,15 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
         return False
     line = Mission("", physical.SIM, 1.0, "spaced", CHOSEN_BY, CHOSEN_STEPS, seed=CHOSEN_SEED)
     for kind, places in folders.items():
+        shipped = out / "zoo" / f"{kind.dog.lower()}.safetensors"
+        chosen_of = {
+            "skills": _digest(
+                [checkpoint_in(folder / skill) for folder in places for skill in training.SKILLS]
+            ),
+            "profiles": _digest(PROFILES),
+        }
+        if shipped.exists() and store.read(shipped)[1].get("chosen_of") == chosen_of:
+            continue
         found = []
         for seed, folder in enumerate(places):
             dog, _ = training.fuse(kind, folder, seed)
@@ -107,7 +117,7 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
         _, seed, dog, flown = min(found, key=lambda one: one[:2])
         flown.pop("endings", None)
         card = training.card(kind, seed, command, {f"{kind.dog} in the twin": flown})
-        store.save(out / "zoo" / f"{kind.dog.lower()}.safetensors", dog, card)
+        store.save(shipped, dog, {**card, "chosen_of": chosen_of})
     return True
 
 

@@ -93,6 +93,7 @@ def twin(
     """
     import jax
 
+    from skydog import files
     from skydog.commands import console
     from skydog.commands.test import run
     from skydog.flight import profiles
@@ -118,6 +119,8 @@ def twin(
         raise Refusal(f"a waypoint's tolerance is a length in metres, got {wait}; try --wait 0.1")
     if video is not None and video.suffix != ".mp4":
         raise Refusal(f"a film is written as MP4, got {video}; try --video {video.stem}.mp4")
+    if video is not None:
+        files.folder(video.parent)  # what cannot be written is refused before anything is flown
     rule = shepherd == "strombom"
     steers, card = (Strombom(at_point=at_point), {}) if rule else store.read(shepherd)
     console.say_beyond(shepherd, scope.beyond(card, where, sheep))

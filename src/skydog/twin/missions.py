@@ -5,9 +5,10 @@ of it what drones and rovers are commanded, and physics does the rest.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, get_args
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,6 +31,7 @@ from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Ending, Poses, Trace
 
 UPSET, DOWN, LEFT = 2, 3, 4  # of `skydog.world.trace.ENDINGS`
 SETTLES = 3.0  # s after the climb, before a mission begins
+LONGEST_CLIMB = 600.0  # s, of a take-off; ours
 BEYOND = 0.5  # m beyond airspace and walls where the cage hangs; ours
 
 
@@ -66,10 +68,30 @@ class Twin:
 
         Drones take off from where they start, and a mission begins once they hold their height.
         `key` draws the disturbances, and the noise that the world asks for; None is the key 0.
-        Raises `Refusal` for a start that cannot be flown, and for a `world.arena.dt` that is no
-        multiple of `station.DT`.
+        Raises `Refusal` for a start that cannot be flown, for a `world.arena.dt` that is no
+        multiple of `station.DT`, and for an option that is none.
         """
+        self.check()
         return Flight(self, world, shepherd, starts, mission.count(steps), key).fly()
+
+    def check(self) -> None:
+        """Raise `Refusal` for an option that is none."""
+        if self.steering not in get_args(Steering):
+            raise Refusal(
+                f"rovers do not steer by {self.steering!r:.60}; "
+                f"choose from {', '.join(get_args(Steering))}"
+            )
+        if not set(self.ideal) <= {"sheep", "dogs"}:
+            raise Refusal(f"ideal bodies are 'sheep' or 'dogs', got {sorted(self.ideal)!r:.60}")
+        if self.wait is not None and not 0.0 < self.wait < float("inf"):
+            raise Refusal(f"a waypoint's tolerance is a length in metres, got {self.wait}; try 0.1")
+        if self.threads < 0:
+            raise Refusal(f"missions fly on 1 core or more, 0 for all, got {self.threads}; try 0")
+        amounts = self.disturbances()
+        for field in fields(amounts):
+            value = getattr(amounts, field.name)
+            if not 0.0 <= value < float("inf"):
+                raise Refusal(f"a disturbance's {field.name} is at least 0, got {value}; try 0.0")
 
     def disturbances(self) -> Disturbances:
         """What goes wrong. Raises `Refusal` for a name that is none."""
@@ -138,6 +160,9 @@ class Flight:
         self.memory = station.start(self.station, _exact(self.plant.truth()))
         self.force = np.zeros((missions, sheep, 2), np.float32)
         self.how = np.full(missions, OUT_OF_TIME)
+        # A plain function is compiled for this flight alone: it may read what has changed by then.
+        kept = isinstance(shepherd, eqx.Module)
+        self._decided = _decide if kept else eqx.filter_jit(lambda *given: _decide(*given))
 
     def fly(self) -> Trace:
         """Take off and fly all missions to their ends."""
@@ -163,6 +188,11 @@ class Flight:
     def _take_off(self) -> None:
         """Climb to the height of the mission and hold there, every mission for the same time."""
         seconds = float(self.height.max()) / self.uav.velocity.largest_climb + SETTLES
+        if seconds > LONGEST_CLIMB:
+            raise Refusal(
+                f"{self.uav.name} takes {seconds:.3g} s to climb to {self.height.max():.3g} m, at "
+                f"most {LONGEST_CLIMB:g}; give it a larger largest_climb, or fly fewer dogs"
+            )
         everyone = np.arange(len(self.how))
         for drawn in self.luck.draw(round(seconds / DT)):
             self._tick(0.0, drawn, everyone)
@@ -183,7 +213,7 @@ class Flight:
             dogs=jnp.asarray(truth.dogs[..., :2], jnp.float32),
         )
         at = jnp.asarray(now)  # an argument: a plain number would be compiled anew each time
-        decided, home = _decide(self.world, self.shepherd, seen, real, self.keys, at)
+        decided, home = self._decided(self.world, self.shepherd, seen, real, self.keys, at)
         return jax.tree.map(np.asarray, decided), np.asarray(home)
 
     def _advance(self, decided: Decision, flying: Int[np.ndarray, " flying"], now: int) -> None:

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco import batch
@@ -38,11 +39,15 @@ class Plant:
 
     def __init__(self, uav: UAV, bodies: Bodies, missions: int, threads: int):
         self.uav, self.bodies = uav, bodies
+        if mujoco.get_mju_user_warning() is None:
+            # MuJoCo would write MUJOCO_LOG.TXT to the current folder; `_check` says it in one line.
+            mujoco.set_mju_user_warning(lambda _: None)
         self._batch = batch.Batch(bodies.model, missions, threads)
         self._substeps = _substeps(bodies.model.opt.timestep)
-        self._qpos, self._qvel, self._ctrl = (
-            self._batch.bind(name) for name in ("qpos", "qvel", "ctrl")
+        self._qpos, self._qvel, self._ctrl, self._time = (
+            self._batch.bind(name) for name in ("qpos", "qvel", "ctrl", "time")
         )
+        self._due = np.zeros(missions)  # s: what `_time` is, unless physics began anew
         self._applied = self._batch.bind("qfrc_applied")
         self._dogs = bodies.dogs[:, None] + np.arange(7)
         self._dog_speeds = bodies.dog_speeds[:, None] + np.arange(6)
@@ -122,7 +127,8 @@ class Plant:
         """So many steps of the autopilot, in the missions that are `flying`.
 
         The drones are commanded a velocity in m/s, or its part in the plane as a tilt in radians.
-        `trim` is by how much each takes itself to be level when it is not.
+        `trim` is by how much each takes itself to be level when it is not. Raises `Refusal` if
+        physics does not stay finite.
         """
         for _ in range(steps):
             moves = self._qvel[:, self._dog_speeds]
@@ -136,6 +142,21 @@ class Plant:
             )
             self._ctrl[:, self.bodies.rotors] = thrust
             self._batch.step(flying, nstep=self._substeps)
+        self._due[slice(None) if flying is None else flying] += steps * DT
+        self._check()
+
+    def _check(self) -> None:
+        """Raise `Refusal` if MuJoCo has put a mission back to its beginning.
+
+        It does so, and resets the time, when a number is not finite or is huge.
+        """
+        again = self._time < self._due - 0.5 * DT
+        if again.any():
+            raise Refusal(
+                f"physics broke down in mission {int(np.argmax(again))}: {self.uav.name}, the "
+                "rovers or what disturbs them ask for more than its time step can take; "
+                "try profiles that ship"
+            )
 
 
 def _substeps(timestep: float) -> int:

@@ -24,11 +24,15 @@ DRAWS = 1000  # times as many as are asked for, at most
 def flyable(
     starts: State, uav: UAV, rover: Rover, size: float
 ) -> tuple[Bool[np.ndarray, " cases"], Bool[np.ndarray, " cases"]]:
-    """In which starts no rovers overlap, and in which all pads are clear, also of the walls."""
+    """In which starts rovers fit, in the arena and apart, and in which all pads are clear.
+
+    A pad is also clear of the walls.
+    """
     sheep, dogs = (np.asarray(who, float) for who in (starts.sheep, starts.dogs))
     apart = 2 * rover.body.radius + ROOM
     clear = rover.body.radius + uav.body.radius + CLEAR
     spaced = _nearest(sheep, sheep) >= apart
+    spaced &= np.all((sheep >= 0.0) & (sheep <= size), axis=(1, 2))
     pads = (_nearest(dogs, sheep) >= clear) & (_nearest(dogs, dogs) >= 2 * uav.body.radius + ROOM)
     # The walls stand a rover's radius outside the arena.
     inside = max(0.0, uav.body.radius + CLEAR - rover.body.radius)
@@ -39,7 +43,10 @@ def flyable(
 def check(starts: State, uav: UAV, rover: Rover, size: float) -> None:
     """Raise `Refusal` for a start that cannot be flown in an arena of `size` metres."""
     spaced, pads = flyable(starts, uav, rover, size)
-    for fits, what in ((spaced, "rovers overlap"), (pads, "a drone's pad is not clear")):
+    for fits, what in (
+        (spaced, "rovers overlap or stand outside the arena"),
+        (pads, "a drone's pad is not clear"),
+    ):
         if not fits.all():
             raise Refusal(
                 f"in start {int(np.argmin(fits))} {what}, which cannot be flown; "
