@@ -118,6 +118,21 @@ def test_the_model_has_every_equation_of_the_paper_in_order():
     assert list(map(int, numbers)) == list(range(1, 24))
 
 
+def test_the_disturbances_of_the_twin_are_those_that_ship():
+    from skydog.twin import DISTURBANCES
+
+    page = (ROOT / "docs" / "twin.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| ([\d.]+) \| ([\d.]+) \|$", page, re.M)
+    told = {name: (float(mild), float(lab)) for name, mild, lab in rows}
+    mild, lab = vars(DISTURBANCES["mild"]), vars(DISTURBANCES["lab"])
+    assert told == {name: (mild[name], lab[name]) for name in mild}
+
+
+def test_the_profile_on_the_page_of_the_twin_is_the_one_that_ships():
+    ((_, shown),) = blocks(ROOT / "docs" / "twin.md", "toml")
+    assert shown == (ROOT / "src/skydog/flight/profiles/crazyflie.toml").read_text()
+
+
 def test_what_is_cited_is_what_citation_cff_says():
     cited = " ".join((ROOT / "docs" / "cite.md").read_text().split())
     told = (ROOT / "CITATION.cff").read_text()

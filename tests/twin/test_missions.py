@@ -1,6 +1,7 @@
 """Missions in the twin, from the outside: `Twin` as whoever measures and records calls it."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -312,3 +313,61 @@ def test_every_profile_that_ships_brings_its_drone_to_its_height():
         flown = Twin(profile=name, threads=1)(WORLD, Strombom(), begin, 0)
         np.testing.assert_allclose(poses(flown).altitude, 2.0, atol=0.1)
         assert int(ending(flown).how[0]) == traces.OUT_OF_TIME
+
+
+def test_a_plain_function_flies_what_a_module_does_and_is_traced_once(start):
+    traced = []
+
+    def shepherd(world, state):
+        traced.append(1)
+        return Strombom()(world, state)
+
+    plain, module = (SOON(WORLD, steers, start, 5) for steers in (shepherd, Strombom()))
+    assert len(traced) == 1
+    # Compiled apart: the last bit may differ.
+    np.testing.assert_allclose(plain.sheep, module.sheep, atol=1e-4)
+    np.testing.assert_allclose(plain.dogs, module.dogs, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"steering": "fly"}, "do not steer by 'fly'"),
+        ({"ideal": frozenset({"cats"})}, "'cats'"),
+        ({"wait": -1.0}, "got -1.0"),
+        ({"wait": float("nan")}, "got nan"),
+        ({"threads": -1}, "got -1"),
+        ({"disturb": Disturbances(gust=float("nan"))}, "gust is at least 0, got nan"),
+        ({"disturb": Disturbances(action_delay=-1.0)}, "action_delay is at least 0, got -1.0"),
+    ],
+)
+def test_an_option_that_is_none_is_refused_before_anything_is_flown(start, options, told):
+    with pytest.raises(Refusal, match=told):
+        replace(SOON, **options)(WORLD, Strombom(), start, 1)
+
+
+def test_a_rover_that_starts_outside_the_arena_is_refused():
+    begin = placed(((3.0, 3.0), (5.0, 2.0)))
+    with pytest.raises(Refusal, match=r"in start 0 rovers .*outside the arena"):
+        SOON(WORLD, Strombom(), begin, 1)
+
+
+def test_a_drone_that_hardly_climbs_is_refused(start, tmp_path):
+    path = tmp_path / "slow.toml"
+    ships = profiles.__file__.replace("profiles.py", "profiles/crazyflie.toml")
+    text = Path(ships).read_text()
+    path.write_text(text.replace("largest_climb = 1.0 ", "largest_climb = 1e-9 "))
+    with pytest.raises(Refusal, match=r"slow takes 2e\+09 s to climb to 2 m"):
+        Twin(profile=str(path), threads=1)(WORLD, Strombom(), start, 1)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_physics_that_breaks_down_is_told_in_one_line_and_leaves_no_log(
+    start, tmp_path, monkeypatch, capfd, threads
+):
+    monkeypatch.chdir(tmp_path)
+    slippery = replace(SOON, disturb=Disturbances(friction=0.0), threads=threads)
+    with pytest.raises(Refusal, match="physics broke down in mission"):
+        slippery(WORLD, Strombom(), start, 60)
+    assert not list(tmp_path.iterdir())
+    assert capfd.readouterr().err == ""

@@ -196,8 +196,9 @@ class Flight:
         everyone = np.arange(len(self.how))
         for drawn in self.luck.draw(round(seconds / DT)):
             self._tick(0.0, drawn, everyone)
-        _, down = self.plant.crashed()
+        upset, down = self.plant.crashed()
         self.how[down] = DOWN
+        self.how[upset] = UPSET
 
     def _decide(self, truth: Truth, now: int) -> tuple[Decision, Bool[np.ndarray, " batch"]]:
         """What is decided on what is seen, and which missions are accomplished in truth."""

@@ -1,3 +1,4 @@
+# pyright: reportAttributeAccessIssue=false
 """Bodies in simulated time: a batch of missions, what is true of them, and what moves them."""
 
 from typing import NamedTuple

@@ -79,8 +79,9 @@ def draw(
         if batch >= 20 and want == count:
             break
     raise Refusal(
-        f"{sheep} rovers of {2 * rover.body.radius:g} m do not find room to start in an arena of "
-        f"{float(world.arena.size):g} m; try a larger --arena"
+        f"{sheep} rovers of {2 * rover.body.radius:g} m do not find room to start beside "
+        f"drones of {2 * uav.body.radius:g} m in an arena of {float(world.arena.size):g} m; "
+        "try a larger --arena"
     )
 
 
