@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test lint format docs peers wheel bench plans reproduce zoo lock clean
+.PHONY: help herd test lint format docs peers wheel bench twinbench plans reproduce physical zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -36,6 +36,9 @@ bench: $(VENV)/dev.stamp $(VENV)-peers/stamp  ## Compare with SB3, SBX and VMAS:
 	$(BIN)/python benchmarks/bench.py --out docs/benchmarks.md
 	$(BIN)/python benchmarks/scaling.py --out docs/scaling.md
 
+twinbench: $(VENV)/dev.stamp $(VENV)-twin-peers/stamp  ## Compare the twin with crazyflow and RotorPy: docs/twin_benchmarks.md
+	$(BIN)/python benchmarks/twin.py --out docs/twin_benchmarks.md
+
 plans: $(VENV)/run.stamp  ## Search anew for the best-known plans; continues where it was interrupted
 	$(BIN)/python benchmarks/plans.py --out runs/plans $(ARGS)
 	cp runs/plans/plans-*.csv src/skydog/study/data
@@ -44,8 +47,13 @@ reproduce: $(VENV)/run.stamp  ## Regenerate the paper's simulation study, and do
 	$(BIN)/skydog reproduce $(ARGS)
 	cp runs/reproduce/reproduces.md runs/reproduce/*.png docs
 
-zoo:  ## Ship the sheepdogs that make reproduce chose
+physical: $(VENV)/dev.stamp  ## Regenerate the paper's physical study in the twin, and docs/physical.md
+	$(BIN)/skydog reproduce --physical $(ARGS)
+	cp runs/physical/physical.md docs
+
+zoo:  ## Ship the sheepdogs that make reproduce and make physical chose
 	cp runs/reproduce/zoo/* src/skydog/shepherds/zoo
+	cp runs/physical/zoo/* src/skydog/shepherds/zoo
 
 lock: $(VENV)/dev.stamp  ## Resolve the dependencies anew
 	$(BIN)/python -m pip install uv
@@ -55,7 +63,7 @@ LOCK := --quiet --universal --python-version 3.11 --fork-strategy fewest --gener
 	--no-emit-index-url --upgrade --custom-compile-command "make lock"
 
 clean:  ## Remove what make installed; runs stay
-	rm -rf $(VENV) $(VENV)-peers
+	rm -rf $(VENV) $(VENV)-peers $(VENV)-twin-peers
 
 # An exact lock with hashes, then the package itself, built by what the lock installed.
 define install
@@ -77,4 +85,9 @@ $(VENV)/dev.stamp: locks/dev.txt pyproject.toml
 $(VENV)-peers/stamp: benchmarks/peers.txt pyproject.toml
 	$(PYTHON) -m venv $(VENV)-peers
 	$(VENV)-peers/bin/pip --disable-pip-version-check install -q -r benchmarks/peers.txt -e .
+	@touch $@
+
+$(VENV)-twin-peers/stamp: benchmarks/twin-peers.txt
+	$(PYTHON) -m venv $(VENV)-twin-peers
+	$(VENV)-twin-peers/bin/pip --disable-pip-version-check install -q -r benchmarks/twin-peers.txt
 	@touch $@

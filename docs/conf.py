@@ -49,7 +49,7 @@ REMARK = re.compile(r"^    # (.*)$")
 
 def readable(app, what, name, thing, options, lines):
     """Docstrings name code as Markdown does, `x`; in reStructuredText that is ``x``."""
-    if what == "class" and is_dataclass(thing):
+    if what == "class" and (is_dataclass(thing) or hasattr(thing, "_fields")):
         lines += listed(thing)
     # A letter right behind, as in `Actor`s, needs "\\ " between.
     code = CODE.sub(lambda found: f"``{found[1]}``" + "\\ " * bool(found[2]), "\n".join(lines))
@@ -57,7 +57,7 @@ def readable(app, what, name, thing, options, lines):
 
 
 def listed(kind):
-    """The fields of a dataclass that carry a comment, above or beside them."""
+    """The fields of a dataclass or a named tuple that carry a comment, above or beside them."""
     found, above = [], []
     for line in inspect.getsource(kind).splitlines():
         remark, field = REMARK.match(line), FIELD.match(line)
@@ -73,7 +73,13 @@ def short(app, what, name, thing, options, signature, returns):
     return signature and signature.replace("int | float | Float[Array, '']", "Scalar"), returns
 
 
+def unnamed(app, what, name, thing, skip, options):
+    """A field of a named tuple says nothing but its number; `listed` has what there is to say."""
+    return True if str(thing.__doc__).startswith("Alias for field number") else skip
+
+
 def setup(app):
     """Called by Sphinx."""
     app.connect("autodoc-process-signature", short)
+    app.connect("autodoc-skip-member", unnamed)
     app.connect("autodoc-process-docstring", readable)

@@ -91,3 +91,16 @@ def test_a_drone_takes_off_holds_and_lands_softly(uav):
     touches = np.flatnonzero(place[:, 2] < floor + 0.005)[0]
     assert velocity[touches, 2] > -0.3
     np.testing.assert_allclose(place[-1], start, atol=0.03)
+
+
+def test_the_thrust_of_a_hovering_drone_is_steady_after_its_take_off():
+    """D on the acceleration of the step before made tum-simulator's swing between 0 and 2 m g."""
+    rig = Rig(TUM, height=0.05)
+    seen = []
+    for _ in range(1600):
+        z = rig.plant.truth().dogs[0, :, 2]
+        climb = float(altitude.climb(TUM, z, np.array(altitude.HEIGHT))[0])
+        rig.fly([(0.0, 0.0, climb)])
+        seen.append(rig.plant._ctrl[0, rig.bodies.rotors[0]].sum())
+    hover = np.array(seen[-200:])
+    assert np.abs(np.diff(hover)).max() < 0.01 * 9.81 * TUM.body.mass

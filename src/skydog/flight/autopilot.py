@@ -90,8 +90,10 @@ def rotors(
     )
     angular[..., 2] = loop.yaw_gain * (-yaw * loop.yaw_gain / 4.0 - motion.rates[..., 2])
     climb = uav.velocity
+    # The acceleration that D takes away is what thrust makes in this very step: solved for it. The
+    # one measured a step ago would make each step's thrust the opposite of the last one's.
     lift = climb.climb_gain * (velocity[..., 2] - motion.velocity[..., 2])
-    lift = lift + climb.climb_damping * (change[..., 2] - motion.acceleration[..., 2])
+    lift = (lift + climb.climb_damping * change[..., 2]) / (1.0 + climb.climb_damping)
     lift = lift + uav.body.drag / uav.body.mass * velocity[..., 2]
     upright = np.cos(motion.attitude[..., 0]) * np.cos(motion.attitude[..., 1])
     thrust = uav.body.mass * (GRAVITY + lift) / np.maximum(upright, 0.5)

@@ -1,8 +1,8 @@
 """How bodies with physics obey, for the fast world: what the twin shows, drawn for each episode.
 
 A dog comes to its commanded velocity late and drifts; a rover makes only a share of what its force
-asks for. The ranges bracket what was measured in the twin (docs/twin.md), so that a skill which has
-met all of them need not know which drone it flies.
+asks for. The ranges of lag and delay bracket what was measured in the twin (docs/twin.md), so that
+a skill which has met all of them need not know which drone it flies.
 """
 
 import equinox as eqx
@@ -16,7 +16,7 @@ from skydog.world.vectors import Scalar
 LAG = (0.05, 0.8)  # s: the time constant of a dog's velocity
 DELAY = (0.0, 0.15)  # s: of a command, at most a step
 DRIFT = 0.1  # share of the dog's speed, on each axis, at most
-SHEEP_SHARE = (0.6, 1.0)  # of its speed that a rover makes, which turns as its force does
+SHEEP_SHARE = (0.6, 1.0)  # of its speed that a rover makes, which turns as its force does; ours
 
 
 class Body(eqx.Module):

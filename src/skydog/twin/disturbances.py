@@ -7,8 +7,7 @@ from dataclasses import dataclass
 class Disturbances:
     """How much goes wrong. All of it is drawn from the mission's key.
 
-    Values are ours, of the size that laboratories report (docs/twin.md); the gusts of `lab` are
-    fitted to the paper's HDDPG-6x6-Phy.
+    Values are ours; the gusts of `lab` are fitted to the paper's HDDPG-6x6-Phy.
     """
 
     mocap_noise: float = 0.0  # m, SD of each coordinate in each frame
