@@ -59,7 +59,7 @@ Draws = Callable[[World, Mission], State]
 """What draws the starts of a line."""
 
 # The speeds that the paper flew at in its Section 6, which it does not print, as a share of those
-# of Section 5. At a sixth our missions are a fifth too short; the first makes the 6 x 6 dog's Sim
+# of Section 5. At a sixth our missions are a quarter too short; the first makes the 6 x 6 dog's Sim
 # row as long as the paper's. `benchmarks/fit_physical.py` shows the search.
 FITTED_SPEED = 0.12
 SPEEDS = {"fitted, 0.12": FITTED_SPEED, "a sixth": 1.0 / 6.0, "full": 1.0}
@@ -227,9 +227,9 @@ def summary(results: Results) -> RichTable:
 
 NOTES = (
     "The paper flies its Section 6 at dt 0.2 s and prints no speed. At the speeds of its Section 5 "
-    "a mission of this kind takes some 80 steps, where it prints 505 and more. About a sixth of "
-    "them explains its steps, in simulation too; the share 0.12 was chosen so that the 6 x 6 dog's "
-    "Sim row has the paper's steps, and the row of the other dog is the test of it.",
+    "a mission of this kind takes some 80 steps, where it prints 505 and more. A sixth of them "
+    "comes near; the share 0.12 was chosen so that the 6 x 6 dog's Sim row has the paper's steps, "
+    "and the row of the other dog is the test of it.",
     "The Phy rows are no laboratory: they are the profile ardrone2 with the disturbances lab, "
     f"and the next set-point waits until the drone is within {TOLERANCE:g} m of the last one. The "
     "gusts of lab and that tolerance were fitted on H-DDPG-6x6-Phy; H-DDPG-4x4to6x6-Phy tests "
