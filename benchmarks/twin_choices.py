@@ -16,7 +16,8 @@ from skydog.shepherds import store
 from skydog.study import evaluate
 from skydog.study.report import figure, markdown_table, share
 from skydog.twin import Twin, starts
-from skydog.twin.missions import Flight, Record
+from skydog.twin.missions import Flight
+from skydog.twin.record import Record
 from skydog.world.mission import MAX_STEPS
 from skydog.world.presets import preset
 from skydog.world.state import State
@@ -41,9 +42,9 @@ class Watched(Flight):
         self.apart.append(np.linalg.norm(away, axis=-1)[~over].ravel())
         return super()._record(truth, decided, done, over)
 
-    def _advance(self, decided, flying, now) -> None:
+    def _advance(self, decided, flying) -> None:
         before = self.plant.truth().sheep[flying]
-        super()._advance(decided, flying, now)
+        super()._advance(decided, flying)
         moved = self.plant.truth().sheep[flying] - before
         wanted = self.station.period * self.station.speed * decided.force[flying]
         size = np.linalg.norm(wanted, axis=-1)

@@ -55,7 +55,7 @@ def turn(controller: Controller, heading: Callable[[float], float]) -> np.ndarra
     """The yaw in radians, tick by tick, of a rover that is to look along `heading(seconds)`."""
     built = bodies.build(UAV, ROVER, 4.0, (0.0, 0.0, 2.0), sheep=1, dogs=1)
     rig = Plant(UAV, built, missions=1, threads=1)
-    pad, wheel = bodies.rest(built, UAV, ROVER)
+    pad, wheel = bodies.rest(UAV, ROVER)
     rig.place(np.array([[[1.0, 1.0, pad]]]), np.array([[[3.0, 3.0, wheel]]]), STILL)
     memory, twist = YawMemory(STILL, STILL), Twist(STILL, STILL)
     seen = []

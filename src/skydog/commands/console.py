@@ -4,6 +4,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -83,37 +84,24 @@ def track(text: str, things: Iterable[Thing]) -> Iterator[Thing]:
     yield from rich_track(list(things), text, console=progress_console, transient=True)
 
 
-class Missions:
-    """The progress of missions that are flown together: how many are over, and at which step."""
+@contextmanager
+def missions(count: int, name: str = "missions") -> Iterator[Callable[[int, int], None]]:
+    """Shows the progress of missions that are flown together.
 
-    def __init__(self, missions: int, name: str = "missions"):
-        self._bars = Progress(
-            TextColumn("{task.description}"),
-            TaskProgressColumn(),
-            TextColumn("{task.fields[message]}"),
-            console=progress_console,
-            refresh_per_second=4,
-            transient=True,
-        )
-        self._count = missions
-        self._row = self._bars.add_task(name, total=missions, message="taking off")
+    What it gives is told the step, and how many missions are over by then.
+    """
+    columns = (
+        TextColumn("{task.description}"),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[at]}"),
+    )
+    with Progress(*columns, console=progress_console, transient=True) as bars:
+        row = bars.add_task(name, total=count, at="")
 
-    def __enter__(self) -> "Missions":
-        self._bars.start()
-        return self
+        def update(step: int, over: int) -> None:
+            bars.update(row, completed=over, at=f"step {step}, {over} of {count} are over")
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        self._bars.stop()
-
-    def update(self, step: int, over: int) -> None:
-        """Show a step, and how many missions are over by then."""
-        message = f"step {step}, {over} of {self._count} are over"
-        self._bars.update(self._row, completed=over, message=message)
+        yield update
 
 
 class TrainingBars:

@@ -1,6 +1,7 @@
 """`skydog reproduce --physical`: fly the paper's physical study in the twin."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from skydog.world.state import State
 
 ROVERS = "kobuki"
-
-
 PROFILES = sorted((Path(profiles.__file__).parent / "profiles").glob("*.toml"))
 CHOSEN_BY = 60  # starts
 CHOSEN_STEPS = 1000
@@ -53,9 +52,9 @@ def run(out: Path, seeds: int, episodes: int, from_zoo: bool, command: str) -> R
         file = (home if line.dog in physical.TAUGHT else store.ZOO) / f"{line.dog}.safetensors"
         asked = files.plain({**asdict(line), "SHA-256": _digest([file, *PROFILES])})
         if (kept := _kept(where, asked)) is None:
-            with console.Missions(line.cases, f"{number} of {len(lines)}: {name}") as bar:
+            with console.missions(line.cases, f"{number} of {len(lines)}: {name}") as update:
                 kept, first = physical.fly(
-                    line, store.load(file), lambda how, bar=bar: _fly(how, bar), draw
+                    line, store.load(file), lambda how, update=update: _fly(how, update), draw
                 )
             if line.starts == "paper":
                 traces.save(out / "traces" / f"{_plain(name)}.safetensors", first, name)
@@ -111,8 +110,10 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
         found = []
         for seed, folder in enumerate(places):
             dog, _ = training.fuse(kind, folder, seed)
-            with console.Missions(line.cases, f"choosing {kind.dog}, seed {seed}") as bar:
-                flown, _ = physical.fly(line, dog, lambda how, bar=bar: _fly(how, bar), draw)
+            with console.missions(line.cases, f"choosing {kind.dog}, seed {seed}") as update:
+                flown, _ = physical.fly(
+                    line, dog, lambda how, update=update: _fly(how, update), draw
+                )
             found.append((flown["steps"]["mean"], seed, dog, flown))
         _, seed, dog, flown = min(found, key=lambda one: one[:2])
         flown.pop("endings", None)
@@ -137,7 +138,7 @@ def draw(world: "World", line: Mission) -> "State":
     )
 
 
-def _fly(how: Setting, bar: console.Missions) -> "Fly":
+def _fly(how: Setting, update: Callable[[int, int], None]) -> "Fly":
     if how.profile is None:
         return evaluate.fly
     return Twin(
@@ -147,7 +148,7 @@ def _fly(how: Setting, bar: console.Missions) -> "Fly":
         how.wait,
         how.steering,
         ideal=frozenset(how.ideal),
-        progress=bar.update,
+        progress=update,
     )
 
 

@@ -113,10 +113,6 @@ def twin(
     for name, value, most in (("cases", cases, 100_000), ("steps", steps, MOST_STEPS)):
         if not 1 <= value <= most:
             raise Refusal(f"there are 1 to {most:,} {name}, got {value}; try --{name} 30")
-    if not 0 <= threads <= 1024:
-        raise Refusal(f"missions fly on 1 core or more, 0 for all, got {threads}; try --threads 0")
-    if wait is not None and not 0.0 < wait < float("inf"):
-        raise Refusal(f"a waypoint's tolerance is a length in metres, got {wait}; try --wait 0.1")
     if video is not None and video.suffix != ".mp4":
         raise Refusal(f"a film is written as MP4, got {video}; try --video {video.stem}.mp4")
     if video is not None:
@@ -125,12 +121,13 @@ def twin(
     steers, card = (Strombom(at_point=at_point), {}) if rule else store.read(shepherd)
     console.say_beyond(shepherd, scope.beyond(card, where, sheep))
     uav, rover = profiles.uav(profile), profiles.rover(rovers)
+    Twin(profile, rovers, disturb, wait, steering, threads=threads).check()
     drawn = draws.draw(where, cases, starts, uav, rover, seed, sheep, dogs)
     name = f"{evaluate.scenario(steers, where)}-{uav.name}"
     if world is not None:
         name += f"-{loading.title(world)}"
-    with console.Missions(cases) as bar:
-        fly = Twin(profile, rovers, disturb, wait, steering, threads=threads, progress=bar.update)
+    with console.missions(cases) as update:
+        fly = Twin(profile, rovers, disturb, wait, steering, threads=threads, progress=update)
         kept: list[Trace] = []
 
         def flown(*mission: Any) -> "Trace":

@@ -102,7 +102,7 @@ def build(
     )
 
 
-def rest(bodies: Bodies, uav: UAV, rover: Rover) -> tuple[float, float]:
+def rest(uav: UAV, rover: Rover) -> tuple[float, float]:
     """The altitude in metres of a drone and of a rover that stand on the floor."""
     return uav.body.height / 2, rover.body.wheel_radius
 

@@ -2,9 +2,7 @@
 
 import io
 import math
-import tempfile
-from collections.abc import Callable
-from fractions import Fraction
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ from skydog import files
 from skydog.errors import Refusal
 from skydog.flight import profiles
 from skydog.twin.stage import HEIGHT, WIDTH, Scenes, Stage
-from skydog.view.animation import END, RATE
+from skydog.view.animation import RATE, STANDS, Picture, encode
 from skydog.world import trace as traces
 from skydog.world.trace import Trace
 
@@ -38,34 +36,24 @@ def save(
     `progress` is told the frames that are done, of how many. Raises `Refusal` for a mission
     without poses, for a path that is no MP4, and if PyAV or OpenGL is missing.
     """
-    try:
-        import av
-    except ImportError:
-        raise Refusal("an MP4 needs PyAV; run: pip install 'skydog[video]'") from None
     if path.suffix != ".mp4":
         raise Refusal(f"a film is written as MP4, got {path}; name {path.stem}.mp4")
     scenes, speed = scenes_of(trace)
-    frames, stands = len(scenes.time), round(END / 1000 * RATE)
     files.folder(path.parent)  # what cannot be written is refused before it is drawn
-    # A file, since its index can only be put in front (faststart) once all of it is written.
-    with tempfile.TemporaryDirectory() as folder:
-        partial = Path(folder, "film.mp4")
-        with (
-            _stage(trace, scenes, speed, profile, rovers, title) as stage,
-            av.open(partial, "w", options={"movflags": "faststart"}) as film,
-        ):
-            stream = film.add_stream("libx264", RATE, options={"crf": "20", "preset": "fast"})
-            stream.width, stream.height = WIDTH, HEIGHT
-            stream.pix_fmt = "yuv420p"  # all that browsers decode
-            stream.time_base = Fraction(1, RATE)
-            for frame in range(frames):
-                picture = stage.draw(frame)
-                for _ in range(1 if frame < frames - 1 else 1 + stands):
-                    film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
-                if progress is not None:
-                    progress(frame + 1, frames)
-            film.mux(stream.encode())
-        files.write_bytes(path, partial.read_bytes())
+    with _stage(trace, scenes, speed, profile, rovers, title) as stage:
+        content = encode(_pictures(stage, len(scenes.time), progress), WIDTH, HEIGHT)
+    files.write_bytes(path, content)
+
+
+def _pictures(
+    stage: Stage, frames: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Picture]:
+    """Each frame; the last one stands."""
+    for frame in range(frames):
+        picture = stage.draw(frame)
+        yield from [picture] * (1 if frame < frames - 1 else 1 + STANDS)
+        if progress is not None:
+            progress(frame + 1, frames)
 
 
 def still(

@@ -6,7 +6,7 @@ of it what drones and rovers are commanded, and physics does the rest.
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple, get_args
+from typing import get_args
 
 import equinox as eqx
 import jax
@@ -23,14 +23,24 @@ from skydog.twin import starts as pads
 from skydog.twin.disturbances import DISTURBANCES, Disturbances
 from skydog.twin.noise import Drawn, Luck
 from skydog.twin.plant import Plant, Truth
+from skydog.twin.record import Record, hold
 from skydog.world import mission, params
 from skydog.world.mission import MAX_STEPS, Decision, Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
-from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Ending, Poses, Trace
+from skydog.world.trace import (
+    ACCOMPLISHED,
+    DOWN,
+    LEFT,
+    OUT_OF_TIME,
+    UPSET,
+    Ending,
+    Poses,
+    Trace,
+)
 
-UPSET, DOWN, LEFT = 2, 3, 4  # of `skydog.world.trace.ENDINGS`
 SETTLES = 3.0  # s after the climb, before a mission begins
+MOST_THREADS = 1024
 LONGEST_CLIMB = 600.0  # s, of a take-off; ours
 BEYOND = 0.5  # m beyond airspace and walls where the cage hangs; ours
 
@@ -85,8 +95,10 @@ class Twin:
             raise Refusal(f"ideal bodies are 'sheep' or 'dogs', got {sorted(self.ideal)!r:.60}")
         if self.wait is not None and not 0.0 < self.wait < float("inf"):
             raise Refusal(f"a waypoint's tolerance is a length in metres, got {self.wait}; try 0.1")
-        if self.threads < 0:
-            raise Refusal(f"missions fly on 1 core or more, 0 for all, got {self.threads}; try 0")
+        if not 0 <= self.threads <= MOST_THREADS:
+            raise Refusal(
+                f"missions fly on 1 to {MOST_THREADS} cores, 0 for all, got {self.threads}; try 0"
+            )
         amounts = self.disturbances()
         for field in fields(amounts):
             value = getattr(amounts, field.name)
@@ -153,7 +165,7 @@ class Flight:
             np.asarray(world.sheep.speed, float),
         )
         self.height = altitude.HEIGHT + station.LEVEL * np.arange(dogs) * np.ones((missions, 1))
-        pad, wheel = bodies.rest(self.bodies, self.uav, self.rover)
+        pad, wheel = bodies.rest(self.uav, self.rover)
         self.plant.place(
             _with_height(starts.dogs, pad), _with_height(starts.sheep, wheel), self.luck.yaw
         )
@@ -176,12 +188,12 @@ class Flight:
             self.how[done] = ACCOMPLISHED
             over = done | (self.how != OUT_OF_TIME) | (now == self.steps)
             record = self._record(truth, decided, done, over)
-            records.append(_hold(records[-1], record, stood) if records else record)
+            records.append(hold(records[-1], record, stood) if records else record)
             if self.twin.progress is not None:
                 self.twin.progress(now, int(over.sum()))
             if over.all():
                 break
-            self._advance(decided, np.flatnonzero(~over), now)
+            self._advance(decided, np.flatnonzero(~over))
             stood = over
         return self._trace(records)
 
@@ -217,7 +229,7 @@ class Flight:
         decided, home = self._decided(self.world, self.shepherd, seen, real, self.keys, at)
         return jax.tree.map(np.asarray, decided), np.asarray(home)
 
-    def _advance(self, decided: Decision, flying: Int[np.ndarray, " flying"], now: int) -> None:
+    def _advance(self, decided: Decision, flying: Int[np.ndarray, " flying"]) -> None:
         """Fly the missions that are `flying` until the next decision."""
         speed = np.asarray(self.world.sheep.speed, float)
         pushed = decided.force * (speed[..., None] if speed.ndim else speed)
@@ -269,7 +281,7 @@ class Flight:
 
     def _record(
         self, truth: Truth, decided: Decision, done: np.ndarray, over: np.ndarray
-    ) -> "Record":
+    ) -> Record:
         memory = self.memory
         waypoint = setpoints.at(memory.dog_setpoint, self.station.period)
         setpoint = np.concatenate([waypoint, self.height[..., None]], axis=-1)
@@ -289,7 +301,7 @@ class Flight:
             turn_rate=memory.twist.turn_rate,
         )
 
-    def _trace(self, records: list["Record"]) -> Trace:
+    def _trace(self, records: list[Record]) -> Trace:
         """The trace, whose last instant stands until the steps that were given are over."""
         records += [records[-1]] * (self.steps + 1 - len(records))
         kinds = {"drives": bool, "accomplished": bool}
@@ -312,23 +324,6 @@ class Flight:
                 how=jnp.asarray(self.how, jnp.int32), steps=jnp.full(missions, self.steps)
             ),
         )
-
-
-class Record(NamedTuple):
-    """What an instant of a batch of missions leaves to record; as `Trace` and `Poses` name it."""
-
-    sheep: Float[np.ndarray, "batch sheep 2"]
-    dogs: Float[np.ndarray, "batch dogs 2"]
-    subgoal: Float[np.ndarray, "batch dogs 2"]
-    drives: Bool[np.ndarray, "batch dogs"]
-    command: Float[np.ndarray, "batch dogs 2"]
-    accomplished: Bool[np.ndarray, " batch"]
-    altitude: Float[np.ndarray, "batch dogs"]
-    attitude: Float[np.ndarray, "batch dogs 3"]
-    setpoint: Float[np.ndarray, "batch dogs 3"]
-    yaw: Float[np.ndarray, "batch sheep"]
-    speed: Float[np.ndarray, "batch sheep"]
-    turn_rate: Float[np.ndarray, "batch sheep"]
 
 
 @mission.compiled_once
@@ -355,16 +350,6 @@ def _decide(
 
     keyed = None if keys is None else 0
     return jax.vmap(one, in_axes=(0, 0, keyed))(seen, real, keys)
-
-
-def _hold(before: Record, now: Record, stood: Bool[np.ndarray, " batch"]) -> Record:
-    """The record, in which missions that have `stood` are as before."""
-    if not stood.any():
-        return now
-    parts = zip(before, now, strict=True)
-    return Record(
-        *(np.where(stood.reshape(-1, *[1] * (new.ndim - 1)), old, new) for old, new in parts)
-    )
 
 
 def _ticks(world: World) -> int:

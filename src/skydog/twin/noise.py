@@ -19,9 +19,8 @@ class Drawn(NamedTuple):
     dogs: Float[np.ndarray, "batch dogs 3"]  # standard normal
     sheep: Float[np.ndarray, "batch sheep 3"]
     gust: Float[np.ndarray, "batch dogs 2"]
-    chance: Float[
-        np.ndarray, "batch bodies 2"
-    ]  # uniform from 0 to 1: of being seen, of being heard
+    # Uniform from 0 to 1: of being seen, of being heard.
+    chance: Float[np.ndarray, "batch bodies 2"]
     shaken: Float[np.ndarray, "batch dogs 3"]  # uniform from -1 to 1
 
 
@@ -40,6 +39,12 @@ class Luck:
         dogs: int,
     ):
         self.disturb, self.link = disturb, uav.link
+        # Nothing is random but where the rovers look at the start.
+        self.is_calm = disturb == Disturbances(
+            observation_delay=disturb.observation_delay,
+            action_delay=disturb.action_delay,
+            friction=disturb.friction,
+        )
         self._sheep, self._dogs = sheep, dogs
         seeds = np.asarray(jax.random.key_data(keys))
         self._draws = [np.random.default_rng(np.ravel(seed)) for seed in seeds]
@@ -55,15 +60,6 @@ class Luck:
         )
         self._heard: Commands | None = None
         self._age = 0
-
-    @property
-    def is_calm(self) -> bool:
-        """Whether nothing is random but where the rovers look at the start."""
-        return self.disturb == Disturbances(
-            observation_delay=self.disturb.observation_delay,
-            action_delay=self.disturb.action_delay,
-            friction=self.disturb.friction,
-        )
 
     def draw(self, ticks: int) -> list[Drawn | None]:
         """What is random in the next so many ticks."""

@@ -3,7 +3,7 @@
 import io
 import math
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ INCHES = 4.8  # that side as matplotlib has it: text and lines grow with the pic
 FRAME, END = 80, 1500  # milliseconds that a frame of a GIF and the last of any film stand
 FRAMES = 150  # of a GIF, at most: a longer mission shows fewer of its steps
 RATE = 25  # frames a second of an MP4
+STANDS = round(END / 1000 * RATE)  # frames of an MP4 that the last picture stands more
 LONGEST = 60 * RATE  # frames of an MP4, at most
 WIDEST = 16_384  # pixels that H.264 takes, and few screens show
 
@@ -81,23 +82,28 @@ def mp4(traces: dict[str, Trace]) -> bytes:
     that the last picture stands. Raises `Refusal` if PyAV is missing, and for more missions
     than fit side by side.
     """
+    _check_width(traces, "an MP4")
+    last = _longest(traces)
+    instants = [*range(0, last, max(1, math.ceil(last / LONGEST))), last]
+    instants += [last] * STANDS
+    return encode(_pictures(traces, instants), PIXELS * len(traces), PIXELS)
+
+
+def encode(pictures: Iterable[Picture], width: int, height: int) -> bytes:
+    """Pictures as H.264, 25 a second. Raises `Refusal` if PyAV is missing; none is drawn then."""
     try:
         import av
     except ImportError:
         raise Refusal("an MP4 needs PyAV; run: pip install 'skydog[video]'") from None
-    _check_width(traces, "an MP4")
-    last = _longest(traces)
-    instants = [*range(0, last, max(1, math.ceil(last / LONGEST))), last]
-    instants += [last] * round(END / 1000 * RATE)
     # A file, since its index can only be put in front (faststart) once all of it is written.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "film.mp4")
         with av.open(path, "w", options={"movflags": "faststart"}) as film:
             stream = film.add_stream("libx264", RATE, options={"crf": "20", "preset": "fast"})
-            stream.width, stream.height = PIXELS * len(traces), PIXELS
+            stream.width, stream.height = width, height
             stream.pix_fmt = "yuv420p"  # all that browsers decode
             stream.time_base = Fraction(1, RATE)
-            for picture in _pictures(traces, instants):
+            for picture in pictures:
                 film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
             film.mux(stream.encode())
         return path.read_bytes()
