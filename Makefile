@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test lint format docs peers wheel bench twinbench plans reproduce physical zoo lock clean
+.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -28,6 +28,9 @@ docs: $(VENV)/dev.stamp  ## Build the site: build/site/index.html
 
 peers: $(VENV)-peers/stamp  ## Show what other libraries say of our environments, and learn in them
 	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_checkers.py tests/envs/test_sb3.py
+
+ros: $(VENV)/dev.stamp  ## Put ROS 1 (Debian: rospy and its master, 5 MB) beside the environment
+	.ci/ros $(BIN)/python
 
 wheel: $(VENV)/dev.stamp  ## Install the wheel into an empty environment, and use it there
 	.ci/wheel
