@@ -22,7 +22,9 @@ def stand(position: Float[np.ndarray, "*batch bodies 2"]) -> Setpoint:
     return Setpoint(position, np.zeros_like(position))
 
 
-def at(setpoint: Setpoint, elapsed: float) -> Float[np.ndarray, "*batch bodies 2"]:
+def at(
+    setpoint: Setpoint, elapsed: float | Float[np.ndarray, "*batch 1 1"]
+) -> Float[np.ndarray, "*batch bodies 2"]:
     """Where the set-point is, so many seconds after it was decided."""
     return setpoint.origin + elapsed * setpoint.velocity
 

@@ -1,9 +1,10 @@
-"""The base station's loop: from what motion capture sees to what drones and rovers are commanded.
+"""The base station's loops: from what motion capture sees to what drones and rovers are commanded.
 
 A hundred times a second `see` and `act`; at every decision `take` the set-points that it moves.
-Pure functions of a memory: the twin calls them in simulated time.
+Pure functions of a memory, which `skydog.flight.base` calls, supervised.
 """
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ class Station(NamedTuple):
     tolerance: float | None  # m: the next set-point waits until the drone is so near; None: each dt
     period: float  # s between decisions
     speed: Float[np.ndarray, "..."]  # m/s of a rover under a force of 1
+    acceleration: float = inf  # m/s² at which what a drone is commanded may change
 
 
 class Memory(NamedTuple):
@@ -86,13 +88,42 @@ def start(station: Station, frame: Frame) -> Memory:
     )
 
 
-def see(memory: Memory, frame: Frame) -> Memory:
-    """The memory after a frame of motion capture."""
+def see(memory: Memory, frame: Frame, dt: float = DT) -> Memory:
+    """The memory after a frame of motion capture, `dt` seconds after the one before."""
     turned = memory.yaw.position + rovers.wrapped(frame.yaw[..., None] - memory.yaw.position)
     return memory._replace(
-        dogs=estimate.update(memory.dogs, frame.dogs, frame.dogs_seen, DT),
-        sheep=estimate.update(memory.sheep, frame.sheep, frame.sheep_seen, DT),
-        yaw=estimate.update(memory.yaw, turned, frame.sheep_seen, DT),
+        dogs=estimate.update(memory.dogs, frame.dogs, frame.dogs_seen, dt),
+        sheep=estimate.update(memory.sheep, frame.sheep, frame.sheep_seen, dt),
+        yaw=estimate.update(memory.yaw, turned, frame.sheep_seen, dt),
+    )
+
+
+def anew(
+    memory: Memory,
+    frame: Frame,
+    dogs: Bool[np.ndarray, "*batch dogs"],
+    sheep: Bool[np.ndarray, "*batch sheep"],
+) -> Memory:
+    """The memory in which some drones and rovers stand where the frame has them."""
+
+    def begun(before: Estimate, seen: np.ndarray, which: np.ndarray) -> Estimate:
+        there = estimate.start(seen)
+        return Estimate(
+            *(np.where(which[..., None], *pair) for pair in zip(there, before, strict=True))
+        )
+
+    return memory._replace(
+        dogs=begun(memory.dogs, frame.dogs, dogs),
+        sheep=begun(memory.sheep, frame.sheep, sheep),
+        yaw=begun(memory.yaw, frame.yaw[..., None], sheep),
+    )
+
+
+def stand(station: Station, memory: Memory) -> Memory:
+    """The memory in which every set-point stands where its body is."""
+    return memory._replace(
+        dog_setpoint=setpoints.stand(memory.dogs.position[..., :2]),
+        sheep_setpoint=setpoints.stand(rovers.steered(station.rover, pose(memory))),
     )
 
 
@@ -144,40 +175,55 @@ def take(
 
 
 def act(
-    station: Station, memory: Memory, elapsed: float, height: Float[np.ndarray, "*batch dogs"]
+    station: Station,
+    memory: Memory,
+    elapsed: float | Float[np.ndarray, "*batch 1 1"],
+    height: Float[np.ndarray, "*batch dogs"],
+    dt: float = DT,
 ) -> tuple[Memory, Commands]:
-    """What is commanded so many seconds after a decision, drones to be at `height` metres."""
+    """What is commanded so many seconds after a decision, drones to be at `height` metres.
+
+    `dt` is the time in seconds since what was commanded before.
+    """
     here, loop = memory.dogs, station.uav.position
     error = setpoints.at(memory.dog_setpoint, elapsed) - here.position[..., :2]
-    lag, level = sni.step(loop, memory.lag, error, DT)
-    trim = sni.trim(loop, memory.trim, error, DT)
+    lag, level = sni.step(loop, memory.lag, error, dt)
+    trim = sni.trim(loop, memory.trim, error, dt)
     level = loop.feedforward * memory.dog_setpoint.velocity + level + trim
     size = np.hypot(level[..., :1], level[..., 1:])
     most = station.uav.velocity.largest
     level = level * np.minimum(1.0, most / np.maximum(size, most))
     climb = altitude.climb(station.uav, here.position[..., 2], height)
+    if station.acceleration < inf:
+        change = level - memory.command[..., :2]
+        size = np.hypot(change[..., :1], change[..., 1:])
+        level = memory.command[..., :2] + change * np.minimum(
+            1.0, station.acceleration * dt / np.maximum(size, 1e-9)
+        )
     command = np.concatenate([level, climb[..., None]], axis=-1)
     tilt = np.zeros_like(level)
     if not station.uav.velocity.on_board:
         tilt = autopilot.tilt(
             station.uav,
             level,
-            (level - memory.command[..., :2]) / DT,
+            (level - memory.command[..., :2]) / dt,
             here.velocity[..., :2],
             np.zeros_like(level),
             np.zeros_like(climb),
         )
-    steered, twist = _steer(station, memory, elapsed)
-    twist = rovers.within_limits(station.rover, memory.twist, twist, DT)
+    steered, twist = _steer(station, memory, elapsed, dt)
+    twist = rovers.within_limits(station.rover, memory.twist, twist, dt)
     memory = memory._replace(lag=lag, trim=trim, command=command, steered=steered, twist=twist)
     return memory, Commands(command, tilt, twist)
 
 
-def _steer(station: Station, memory: Memory, elapsed: float) -> tuple[YawMemory, Twist]:
+def _steer(
+    station: Station, memory: Memory, elapsed: float | Float[np.ndarray, "*batch 1 1"], dt: float
+) -> tuple[YawMemory, Twist]:
     at = pose(memory)
     if station.steering == "turn":
         velocity = memory.sheep_setpoint.velocity
-        return rovers.turn_then_drive(station.rover, memory.steered, at, velocity, DT)
+        return rovers.turn_then_drive(station.rover, memory.steered, at, velocity, dt)
     goal = setpoints.at(memory.sheep_setpoint, elapsed)
     return memory.steered, rovers.track(station.rover, at, goal, station.speed)
 

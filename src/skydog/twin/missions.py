@@ -6,6 +6,7 @@ of it what drones and rovers are commanded, and physics does the rest.
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from math import inf
 from typing import get_args
 
 import equinox as eqx
@@ -15,9 +16,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from skydog.errors import Refusal
-from skydog.flight import altitude, profiles, rovers, setpoints, station
+from skydog.flight import altitude, base, profiles, rovers, setpoints, station
+from skydog.flight.base import Base, Decided
+from skydog.flight.limits import Limits
 from skydog.flight.options import Steering
 from skydog.flight.station import DT, Frame, Station
+from skydog.flight.supervisor import Mode, Order
 from skydog.twin import bodies, plant
 from skydog.twin import starts as pads
 from skydog.twin.disturbances import DISTURBANCES, Disturbances
@@ -33,6 +37,7 @@ from skydog.world.trace import (
     DOWN,
     LEFT,
     OUT_OF_TIME,
+    STOPPED,
     UPSET,
     Ending,
     Poses,
@@ -165,11 +170,26 @@ class Flight:
             np.asarray(world.sheep.speed, float),
         )
         self.height = altitude.HEIGHT + station.LEVEL * np.arange(dogs) * np.ones((missions, 1))
+        cage = -self.airspace - BEYOND, self.size + self.airspace + BEYOND
+        self.base = Base(
+            self.station,
+            # An ideal body is where it is to be at once, however far that is.
+            Limits(
+                cage,
+                cage,
+                (-1.0, float(self.height.max()) + 1.0),
+                jump=inf if twin.ideal else Limits.jump,
+            ),
+            (-self.airspace, self.size + self.airspace),
+            (0.0, self.size),
+            self.height,
+        )
+        self.now = 0  # ticks of the base station
         pad, wheel = bodies.rest(self.uav, self.rover)
         self.plant.place(
             _with_height(starts.dogs, pad), _with_height(starts.sheep, wheel), self.luck.yaw
         )
-        self.memory = station.start(self.station, _exact(self.plant.truth()))
+        self.memory = base.start(self.base, _exact(self.plant.truth()), -DT, Mode.READY)
         self.force = np.zeros((missions, sheep, 2), np.float32)
         self.how = np.full(missions, OUT_OF_TIME)
         # A plain function is compiled for this flight alone: it may read what has changed by then.
@@ -206,15 +226,15 @@ class Flight:
                 f"most {LONGEST_CLIMB:g}; give it a larger largest_climb, or fly fewer dogs"
             )
         everyone = np.arange(len(self.how))
-        for drawn in self.luck.draw(round(seconds / DT)):
-            self._tick(0.0, drawn, everyone)
+        for tick, drawn in enumerate(self.luck.draw(round(seconds / DT))):
+            self._tick(0.0, drawn, everyone, order=Order.NONE if tick else Order.TAKE_OFF)
         upset, down = self.plant.crashed()
         self.how[down] = DOWN
         self.how[upset] = UPSET
 
     def _decide(self, truth: Truth, now: int) -> tuple[Decision, Bool[np.ndarray, " batch"]]:
         """What is decided on what is seen, and which missions are accomplished in truth."""
-        memory = self.memory
+        memory = self.memory.station
         seen = State(
             sheep=jnp.asarray(station.flock(self.station, memory), jnp.float32),
             dogs=jnp.asarray(memory.dogs.position[..., :2], jnp.float32),
@@ -233,35 +253,34 @@ class Flight:
         """Fly the missions that are `flying` until the next decision."""
         speed = np.asarray(self.world.sheep.speed, float)
         pushed = decided.force * (speed[..., None] if speed.ndim else speed)
-        cage = -self.airspace, self.size + self.airspace
-        self.memory = station.take(
-            self.station,
-            self.memory,
-            np.asarray(decided.velocity, float),
-            np.asarray(pushed, float),
-            cage,
-            (0.0, self.size),
-        )
+        moves = Decided(np.asarray(decided.velocity, float), np.asarray(pushed, float))
         self.force = decided.force
         for tick, drawn in enumerate(self.luck.draw(self.ticks)):
-            self._tick(tick * DT, drawn, flying)
+            self._tick(tick * DT, drawn, flying, None if tick else moves)
         upset, down = self.plant.crashed()
         truth = self.plant.truth()
         out = _beyond(truth.dogs[..., :2], self.airspace + BEYOND, self.size)
         out |= _beyond(truth.sheep, BEYOND, self.size)
         out |= np.any(truth.dogs[..., 2] > self.height + 1.0, axis=1)
-        for found, how in ((out, LEFT), (down, DOWN), (upset, UPSET)):
+        stopped = self.memory.supervisor.mode > Mode.HOLD
+        for found, how in ((stopped, STOPPED), (out, LEFT), (down, DOWN), (upset, UPSET)):
             self.how[flying[found[flying]]] = how
 
     def _tick(
-        self, elapsed: float, drawn: Drawn | None, flying: Int[np.ndarray, " flying"]
+        self,
+        elapsed: float,
+        drawn: Drawn | None,
+        flying: Int[np.ndarray, " flying"],
+        decided: Decided | None = None,
+        order: Order = Order.NONE,
     ) -> None:
         """One tick of the base station, so many seconds after a decision."""
         luck, drone = self.luck, self.plant
         frame = luck.frame(drone.truth(), drawn)
-        memory = station.see(self.memory, frame)
-        self.memory, sent = station.act(self.station, memory, elapsed, self.height)
-        heard = luck.hear(sent, drawn)
+        told = base.all_well(self.how.shape, self.height.shape[1], order)
+        self.memory, sent = base.step(self.base, self.memory, frame, told, decided, self.now * DT)
+        self.now += 1
+        heard = luck.hear(sent.commands, drawn)
         velocity, tilt = heard.velocity, None
         if self.uav.velocity.on_board:
             velocity = luck.shake(velocity, drawn)
@@ -275,14 +294,15 @@ class Flight:
         drone.drive(left * grip[0], right * grip[1])
         drone.step(velocity, tilt, luck.trim, round(DT / plant.DT), flying)
         for who in self.twin.ideal:
-            goal = self.memory.sheep_setpoint if who == "sheep" else self.memory.dog_setpoint
+            known = self.memory.station
+            goal = known.sheep_setpoint if who == "sheep" else known.dog_setpoint
             where = setpoints.at(goal, elapsed + DT)
             drone.carry(who, where, self.height, flying)
 
     def _record(
         self, truth: Truth, decided: Decision, done: np.ndarray, over: np.ndarray
     ) -> Record:
-        memory = self.memory
+        memory = self.memory.station
         waypoint = setpoints.at(memory.dog_setpoint, self.station.period)
         setpoint = np.concatenate([waypoint, self.height[..., None]], axis=-1)
         stopped = over[:, None]

@@ -24,7 +24,7 @@ ENDINGS = (
 )
 """How a mission can end, as `Ending.how` numbers it."""
 
-ACCOMPLISHED, OUT_OF_TIME, UPSET, DOWN, LEFT = range(5)
+ACCOMPLISHED, OUT_OF_TIME, UPSET, DOWN, LEFT, STOPPED = range(6)
 
 KIND = "trace"
 LARGEST = 1 << 28  # bytes of a file
