@@ -6,7 +6,7 @@ seen from above, z up, yaw from the x axis counterclockwise.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from skydog.flight.supervisor import Mode
 
@@ -23,6 +23,7 @@ class Body(NamedTuple):
     number: int  # of the frame, as the tracker counts; grows by one or more
 
 
+@runtime_checkable
 class Source(Protocol):
     """Where poses come from: a tracker's stream, a topic, a flight log. Bodies go by name."""
 
@@ -60,6 +61,7 @@ class Status(NamedTuple):
     connected: bool = True
 
 
+@runtime_checkable
 class Drone(Protocol):
     """A drone, whatever it speaks. It is told a hundred times a second, and never waits."""
 
@@ -80,6 +82,7 @@ class Drone(Protocol):
         ...
 
 
+@runtime_checkable
 class Rover(Protocol):
     """A rover that obeys a forward speed and a turn rate."""
 

@@ -1,6 +1,6 @@
 """What an emulated robot shows to its driver and hears from it."""
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from skydog.lab.adapters import Vector
 
@@ -21,6 +21,7 @@ class Flown(NamedTuple):
     tilt: tuple[float, float] | None = None  # rad: flown instead of the velocity's x and y
 
 
+@runtime_checkable
 class DroneDriver(Protocol):
     """The driver of an emulated drone: the real topics or packets on one side, the twin on the other."""
 
@@ -33,6 +34,7 @@ class DroneDriver(Protocol):
         ...
 
 
+@runtime_checkable
 class RoverDriver(Protocol):
     """The driver of an emulated rover."""
 
