@@ -37,11 +37,10 @@ class Order(IntEnum):
     RESET = 9
 
 
-# Of several events at once the first counts that the table knows for the mode. A human comes first.
+# Of several events at once the first counts that the table knows for the mode: the graver first.
 EVENTS = (
     "operator: emergency",
     "operator: reset",
-    "operator: stop",
     "operator: land",
     "hard fence",
     "eyes stale long",  # `Limits.blind`
@@ -52,6 +51,7 @@ EVENTS = (
     "take-off too long",
     "mission over",
     "landed",
+    "operator: stop",
     "operator: hold",
     "eyes stale",  # `Limits.stale`
     "policy silent",
