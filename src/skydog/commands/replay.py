@@ -1,11 +1,14 @@
 """`skydog replay`: show missions again, as a page, a GIF or an MP4."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
 from skydog.errors import Refusal
+
+if TYPE_CHECKING:
+    from skydog.world.trace import Trace
 
 
 def replay(
@@ -17,16 +20,26 @@ def replay(
     Example: skydog replay runs/herd/traces/H-DDPG-4x4.safetensors -o flock.mp4
 
     Args:
-        traces: Missions, as skydog herd and skydog test --out write them.
+        traces: Missions, as skydog herd and skydog test --out write them; or flight logs, each
+            by its folder or its .mcap.
         out: The page; or, by its ending, .gif or .mp4, a film of the missions side by side.
     """
     from skydog.view import replay as view
-    from skydog.world import trace
 
     if not traces:
         raise Refusal("replay needs a trace; try skydog replay runs/herd/traces/*.safetensors")
     stems = [path.stem for path in traces]
     named = {path.stem if stems.count(path.stem) == 1 else str(path): path for path in traces}
-    view.save(out, {name: trace.load(path)[0] for name, path in named.items()})
+    view.save(out, {name: _mission(path) for name, path in named.items()})
     print(out)
     return 0
+
+
+def _mission(path: Path) -> "Trace":
+    if path.is_dir() or path.suffix == ".mcap":
+        from skydog.lab import flightlog
+
+        return flightlog.load(path)[0]
+    from skydog.world import trace
+
+    return trace.load(path)[0]

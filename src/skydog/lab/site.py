@@ -1,101 +1,138 @@
 """The site file: everything that is true of one laboratory and its robots, as TOML."""
 
-from dataclasses import dataclass
-from typing import Literal
+import difflib
+import tomllib
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
+from skydog.errors import Refusal
 from skydog.flight.options import Steering
 
-Transport = Literal["vicon-udp", "ros1", "ros2", "replay"]
-UAVAdapter = Literal["tum-simulator", "ardrone-autonomy", "twist-dds", "crazyswarm2", "crazyflie", "mavlink"]
+try:
+    import msgspec
+    from msgspec import Meta
+except ImportError:
+    raise Refusal("the lab needs msgspec; run: pip install 'skydog[lab]'") from None
+
+LARGEST_FILE = 1 << 16  # bytes
+
+PoseSource = Literal["vicon-udp", "ros1", "ros2", "replay"]
+UAVAdapter = Literal[
+    "tum-simulator", "ardrone-autonomy", "twist-dds", "crazyswarm2", "crazyflie", "mavlink"
+]
 UGVAdapter = Literal["ros1", "dds"]
+
+Metres = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
+Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
+Point = tuple[Metres, Metres, Metres]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=23)]  # of Vicon and ROS
+Text = Annotated[str, Meta(max_length=500)]
 
 
 @dataclass(frozen=True)
 class Mission:
     """What is flown."""
 
-    sheepdog: str = "h-ddpg-6x6"  # a name that ships, a run folder or a file; or strombom
-    preset: str = "paper-physical"
-    arena: float | None = None  # m; the preset's own if not given
-    goal: str | None = None
-    speed: float = 1.0  # share of the world's speeds
-    steps: int = 1000
+    sheepdog: Text = "h-ddpg-6x6"  # a name that ships, a run folder or a file; or strombom
+    preset: Text = "paper-physical"
+    arena: Annotated[float, Meta(gt=2.0, le=1000.0)] | None = (
+        None  # m; the preset's own if not given
+    )
+    goal: Text | None = None  # X,Y
+    speed: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0  # share of the world's speeds
+    steps: Annotated[int, Meta(ge=1, le=100_000)] = 1000
     steering: Steering = "reference"
-    wait: float | None = None  # m: the next set-point waits until the drone is so near
+    # m: the next set-point waits until the drone is so near
+    wait: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
     flock: Literal["base station", "own"] = "base station"  # who steers the UGVs
 
 
 @dataclass(frozen=True)
 class Cage:
-    """The hard fence, in the world's frame: what is outside lands. Metres."""
+    """The hard fence, in the world's frame: a drone that is seen outside lands. Metres."""
 
-    x: tuple[float, float]
-    y: tuple[float, float]
-    z: tuple[float, float]
+    x: tuple[Metres, Metres]
+    y: tuple[Metres, Metres]
+    z: tuple[Metres, Metres]
 
 
 @dataclass(frozen=True)
 class Mocap:
     """Motion capture: which stream, and how its frame lies in the world's."""
 
-    source: Transport = "vicon-udp"
-    host: str = "127.0.0.1"  # the address of ours that listens; or, of a log, its path
-    port: int = 51001
-    topic: str = ""  # ROS: "" is the usual one of the source
-    rate: float = 100.0  # Hz
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m: the tracker's origin in the world
-    yaw: float = 0.0  # rad by which the tracker's x axis is turned in the world
+    source: PoseSource = "vicon-udp"
+    host: Text = "127.0.0.1"  # the address of ours that listens; or, of a flight log, its path
+    port: Annotated[int, Meta(ge=0, le=65535)] = 51001
+    topic: Text = ""  # ROS: "" is the usual one of the source
+    rate: Annotated[float, Meta(ge=20.0, le=1000.0)] = 100.0  # Hz
+    origin: Point = (0.0, 0.0, 0.0)  # m: the tracker's origin in the world
+    yaw: Radians = 0.0  # by which the tracker's x axis is turned in the world
 
 
 @dataclass(frozen=True)
 class ROS1:
     """The ROS 1 master."""
 
-    master: str = "http://127.0.0.1:11311"
-    address: str = "127.0.0.1"  # ours, as robots reach it
+    master: Text = "http://127.0.0.1:11311"
+    address: Text = "127.0.0.1"  # ours, as robots reach it
 
 
 @dataclass(frozen=True)
 class DDS:
     """The DDS domain of ROS 2."""
 
-    domain: int = 0
-    interface: str = "lo"
-    peers: tuple[str, ...] = ("127.0.0.1",)
+    domain: Annotated[int, Meta(ge=0, le=232)] = 0
+    interface: Text = "lo"
+    peers: tuple[Text, ...] = ("127.0.0.1",)
 
 
 @dataclass(frozen=True)
 class UAVSite:
     """A drone: its name at the tracker, what it speaks, and what it is."""
 
-    name: str
+    name: Name
     adapter: UAVAdapter
-    profile: str = "tum-simulator"
-    topic: str = ""  # of its commands, or a namespace; "" is the adapter's usual one
-    uri: str = ""  # crazyflie: radio://0/80/2M/E7E7E7E7E7, udp://…; mavlink: udpin:…, /dev/…
+    profile: Text = "tum-simulator"
+    topic: Text = ""  # of its commands, or a namespace; "" is the adapter's usual one
+    uri: Text = ""  # crazyflie: radio://0/80/2M/E7E7E7E7E7, udp://…; mavlink: udpin:…, /dev/…
     stamped: bool = False  # TwistStamped instead of Twist
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m: its markers' origin, in its own frame
-    yaw: float = 0.0  # rad by which its markers' frame is turned in its own
-    stops_by_itself: bool = False
+    offset: Point = (0.0, 0.0, 0.0)  # m: its markers' origin, in its own frame
+    yaw: Radians = 0.0  # by which its markers' frame is turned in its own
+    stops_by_itself: bool = False  # when commands cease
     guard: bool = False  # `skydog.lab.guard` runs on the robot
-    battery_minutes: float = 10.0  # of flight, with a full battery
+    battery_minutes: Annotated[float, Meta(gt=0.0, le=600.0)] = 10.0  # of flight, when full
 
 
 @dataclass(frozen=True)
 class UGVSite:
     """A rover."""
 
-    name: str
+    name: Name
     adapter: UGVAdapter = "ros1"
-    profile: str = "kobuki"
-    topic: str = ""  # "" is /NAME/cmd_vel
+    profile: Text = "kobuki"
+    topic: Text = ""  # "" is /NAME/cmd_vel
     stamped: bool = False
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    yaw: float = 0.0
+    offset: Point = (0.0, 0.0, 0.0)
+    yaw: Radians = 0.0
     stops_by_itself: bool = False
     guard: bool = False
-    speed: float | None = None  # m/s; its profile's if not given
-    turn_rate: float | None = None  # rad/s
+    speed: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None  # m/s; its profile's if not given
+    turn_rate: Annotated[float, Meta(gt=0.0, le=20.0)] | None = None  # rad/s
+
+
+@dataclass(frozen=True)
+class Safety:
+    """What the supervisor is stricter in than it is by itself. Seconds, m/s², shares."""
+
+    stale: Annotated[float, Meta(ge=0.02, le=0.1)] = 0.1  # without a pose: hold
+    blind: Annotated[float, Meta(ge=0.1, le=0.5)] = 0.5  # land
+    alarm: Annotated[float, Meta(ge=0.5, le=1.5)] = 1.5  # call the operator
+    missed_decisions: Annotated[int, Meta(ge=1, le=3)] = 3  # in a row: hold
+    acceleration: Annotated[float, Meta(gt=0.0, le=4.0)] = 4.0  # of what a drone is commanded
+    battery: Annotated[float, Meta(ge=0.15, le=1.0)] = 0.15  # share, at which it lands
+    stop_file: Text = "STOP"  # while this file exists, everything holds; see the docs
+    gamepad: Text = ""  # a device such as /dev/input/js0: its first button is held to fly
 
 
 @dataclass(frozen=True)
@@ -109,3 +146,75 @@ class Site:
     dds: DDS
     uav: tuple[UAVSite, ...]
     ugv: tuple[UGVSite, ...]
+    safety: Safety = field(default_factory=Safety)
+
+
+def load(path: Path) -> Site:
+    """The site of a TOML file. Raises `Refusal` for what is none, and says what to write."""
+    try:
+        content = path.read_bytes() if path.stat().st_size <= LARGEST_FILE else None
+    except (OSError, ValueError) as problem:
+        why = getattr(problem, "strerror", None) or problem
+        raise Refusal(f"cannot read {path}: {why}; try skydog lab --emulate") from None
+    if content is None:
+        raise Refusal(f"{path} has more than {LARGEST_FILE:,} bytes, which no site file has")
+    try:
+        return parse(content.decode())
+    except Refusal as problem:
+        raise Refusal(f"{path}: {problem}") from None
+    except (ValueError, RecursionError) as problem:
+        raise Refusal(f"{path} is no TOML: {problem!s:.120}") from None
+
+
+def parse(text: str) -> Site:
+    """The site that a TOML text describes. Raises `Refusal`, or ValueError for no TOML."""
+    table = {"mission": {}, "mocap": {}, "ros1": {}, "dds": {}, **tomllib.loads(text)}
+    _know(table, Site, "")
+    for name, example in (("cage", "x = [-0.7, 6.7]"), ("uav", "[[uav]]"), ("ugv", "[[ugv]]")):
+        if name not in table:
+            raise Refusal(f"the site lacks {name}; write {example}, see docs/lab.md")
+    try:
+        site = msgspec.convert(table, Site)
+    except msgspec.ValidationError as problem:
+        raise Refusal(str(problem).replace("`$.", "`")) from None
+    _check(site)
+    return site
+
+
+def _check(site: Site) -> None:
+    for axis in "xyz":
+        least, most = getattr(site.cage, axis)
+        if not least < most:
+            raise Refusal(f"cage.{axis} goes from {least:g} to {most:g} m; the lesser comes first")
+    robots = [*site.uav, *site.ugv]
+    if not (1 <= len(site.uav) <= 8 and 1 <= len(site.ugv) <= 50):
+        raise Refusal(
+            f"a site has 1 to 8 uav and 1 to 50 ugv, got {len(site.uav)} and {len(site.ugv)}"
+        )
+    names = [robot.name for robot in robots]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        raise Refusal(f"two robots are called {name}; the tracker tells them apart by name")
+    for kind, profiles in (("uav", site.uav), ("ugv", site.ugv)):
+        if len({robot.profile for robot in profiles}) > 1:
+            raise Refusal(f"all {kind} of a site have one profile, got several")
+    for robot in site.uav:
+        if robot.adapter in ("crazyflie", "mavlink") and not robot.uri:
+            example = "radio://0/80/2M/E7E7E7E7E7" if robot.adapter == "crazyflie" else "udpin:…"
+            raise Refusal(f"{robot.name} speaks {robot.adapter} and lacks uri; write {example}")
+
+
+def _know(table: Any, form: Any, place: str) -> None:
+    """Raise `Refusal` for a key that the form does not have."""
+    if not isinstance(table, dict) or not is_dataclass(form):
+        return
+    inner = {"uav": UAVSite, "ugv": UGVSite, "mission": Mission, "cage": Cage, "mocap": Mocap}
+    inner |= {"ros1": ROS1, "dds": DDS, "safety": Safety}
+    known = [each.name for each in fields(form)]
+    for name, value in table.items():
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"it knows {', '.join(known)}"
+            raise Refusal(f"unknown {place + str(name)!r:.80}; {hint}")
+        if form is Site:
+            for part in value if isinstance(value, list) else [value]:
+                _know(part, inner[name], f"{name}.")

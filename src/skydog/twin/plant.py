@@ -80,6 +80,15 @@ class Plant:
         yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         return Truth(dogs[..., :3], dogs[..., 3:], sheep[..., :2], yaw)
 
+    def speed(self) -> Float[np.ndarray, "batch dogs 3"]:
+        """How fast the drones are, in m/s."""
+        return self._qvel[:, self._dog_speeds[:, :3]]
+
+    def rover_speed(self) -> Float[np.ndarray, "batch sheep"]:
+        """How fast the rovers move over the floor, in m/s."""
+        moves = self._qvel[:, self.bodies.sheep_speeds[:, None] + np.arange(2)]
+        return np.hypot(moves[..., 0], moves[..., 1])
+
     def crashed(self) -> tuple[Bool[np.ndarray, " batch"], Bool[np.ndarray, " batch"]]:
         """In which missions a rover is upset, and in which a drone is down."""
         dogs, sheep = self._qpos[:, self._dogs], self._qpos[:, self._sheep]
@@ -124,12 +133,13 @@ class Plant:
         trim: Float[np.ndarray, "batch dogs 2"],
         steps: int,
         flying: Int[np.ndarray, " flying"] | None,
+        off: Bool[np.ndarray, "batch dogs"] | None = None,
     ) -> None:
         """So many steps of the autopilot, in the missions that are `flying`.
 
         The drones are commanded a velocity in m/s, or its part in the plane as a tilt in radians.
-        `trim` is by how much each takes itself to be level when it is not. Raises `Refusal` if
-        physics does not stay finite.
+        `trim` is by how much each takes itself to be level when it is not; the motors of those that
+        are `off` stand. Raises `Refusal` if physics does not stay finite.
         """
         for _ in range(steps):
             moves = self._qvel[:, self._dog_speeds]
@@ -141,6 +151,8 @@ class Plant:
             self._memory, thrust = autopilot.rotors(
                 self.uav, self._memory, motion, velocity, tilt, DT
             )
+            if off is not None:
+                thrust = np.where(off[..., None], 0.0, thrust)
             self._ctrl[:, self.bodies.rotors] = thrust
             self._batch.step(flying, nstep=self._substeps)
         self._due[slice(None) if flying is None else flying] += steps * DT

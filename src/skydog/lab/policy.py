@@ -1,0 +1,137 @@
+"""The shepherd, in a thread of its own: one that hangs cannot hang the base station."""
+
+import threading
+import time
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from skydog.errors import Refusal
+from skydog.flight.base import Decided
+from skydog.world import mission, params
+from skydog.world.mission import Decision, Shepherd
+from skydog.world.params import World
+from skydog.world.state import State
+
+LONGEST_SELF_TEST = 60.0  # s: the first decision is compiled
+QUICK = 0.05  # s, of any other
+
+
+class Seen(NamedTuple):
+    """What is decided on: positions in metres, and the number of the step."""
+
+    step: int
+    sheep: Float[np.ndarray, "sheep 2"]
+    dogs: Float[np.ndarray, "dogs 2"]
+
+
+class Answer(NamedTuple):
+    """What was decided, on which step, how long it took in seconds, and whether all are home."""
+
+    step: int
+    decision: Decision
+    moves: Decided  # as the base station takes it, a batch of one
+    accomplished: bool
+    took: float
+
+
+class Policy:
+    """Asked with `ask`, it answers with `answer`; asked again meanwhile, the newest counts."""
+
+    def __init__(self, world: World, shepherd: Shepherd, sheep: int, dogs: int):
+        self.problem: str | None = None
+        self._world, self._shepherd = params.traced(world), params.traced(shepherd)
+        self._speed = np.asarray(world.sheep.speed, float)
+        self._force = np.zeros((sheep, 2), np.float32)
+        self._decide = eqx.filter_jit(_decide)
+        self._asked: Seen | None = None
+        self._answered: Answer | None = None
+        self._wake, self._done = threading.Event(), threading.Event()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="policy", daemon=True)
+        self._thread.start()
+
+    def self_test(self, seen: Seen) -> None:
+        """Decide once and once more. Raises `Refusal` if it fails, is slow or has no number."""
+        for patience in (LONGEST_SELF_TEST, QUICK + 5.0):
+            self.ask(seen)
+            answer = self.answer(patience)
+            if self.problem is not None:
+                raise Refusal(f"the sheepdog fails its self-test: {self.problem}")
+            if answer is None:
+                raise Refusal(f"the sheepdog does not decide within {patience:g} s")
+        assert answer is not None
+        if not all(np.isfinite(part).all() for part in answer.moves):
+            raise Refusal("the sheepdog decides on something that is no number")
+        self._force = np.zeros_like(self._force)
+
+    def ask(self, seen: Seen) -> None:
+        """Let it decide. Returns at once."""
+        self._answered = None
+        self._done.clear()
+        self._asked = seen
+        self._wake.set()
+
+    def answer(self, patience: float) -> Answer | None:
+        """What was decided since it was asked, if it comes within so many seconds."""
+        self._done.wait(patience)
+        answer, self._answered = self._answered, None
+        return answer
+
+    def close(self) -> None:
+        """Let it go. A shepherd that hangs is left behind: its thread dies with the process."""
+        self._closed = True
+        self._wake.set()
+        self._thread.join(0.5)
+
+    def _run(self) -> None:
+        while True:
+            self._wake.wait()
+            self._wake.clear()
+            if self._closed:
+                return
+            seen = self._asked
+            assert seen is not None
+            began = time.monotonic()
+            try:
+                answer = self._answer(seen, began)
+            except Exception as problem:  # whatever a shepherd of one's own may raise
+                self.problem = f"{type(problem).__name__}: {problem!s:.160}"
+                self._done.set()
+                continue
+            if self._asked is seen:
+                self._answered = answer
+                self._done.set()
+
+    def _answer(self, seen: Seen, began: float) -> Answer:
+        state = State(
+            sheep=jnp.asarray(seen.sheep, jnp.float32),
+            dogs=jnp.asarray(seen.dogs, jnp.float32),
+            force=jnp.asarray(self._force),
+        )
+        decision, wanted, home = self._decide(self._world, self._shepherd, state)
+        force = np.asarray(decision.force)
+        # A dog hovers on what is no number (`mission.limited`); the supervisor is to know of it.
+        moves = np.where(np.isfinite(wanted).all(), np.asarray(decision.velocity), np.nan)
+        if np.isfinite(force).all():
+            self._force = force
+        pushed = force * (self._speed[..., None] if self._speed.ndim else self._speed)
+        return Answer(
+            seen.step,
+            decision,
+            Decided(np.asarray(moves, float)[None], np.asarray(pushed, float)[None]),
+            bool(home),
+            time.monotonic() - began,
+        )
+
+
+def _decide(
+    world: World, shepherd: Shepherd, state: State
+) -> tuple[Decision, Float[Array, "dogs 2"], Bool[Array, ""]]:
+    """The decision, what the shepherd wanted before it was limited, and whether all are home."""
+    wanted = shepherd(world, state)
+    decision = mission.decide(world, lambda *_: wanted, state)
+    return decision, wanted, mission.accomplished(world, state)

@@ -1,0 +1,104 @@
+"""A flight of a site from beginning to end: connect, test, fly, let go."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skydog.flight.supervisor import Mode, Order
+from skydog.lab.flightlog import Flight, FlightLog
+from skydog.lab.flying import BaseStation, Outcome, View
+from skydog.lab.orders import Orders
+from skydog.lab.policy import Policy, Seen
+from skydog.lab.setup import Setup, setup
+from skydog.lab.site import Site
+from skydog.lab.wires import connect
+
+
+@dataclass
+class Automatic:
+    """An operator for emulated flights: arms and takes off once the checks pass, then waits.
+
+    `finished` is asked in a flight, and lands it; the flight is over once it has landed.
+    """
+
+    orders: Orders
+    patience: float = 30.0  # s for the checks to pass
+    finished: Callable[[BaseStation], bool] = lambda _: False
+    _flown: bool = False
+
+    def __call__(self, station: BaseStation) -> bool:
+        """Whether the flight is over; asked in every tick."""
+        mode = Mode(int(station.memory.supervisor.mode[0]))
+        if mode not in (Mode.DISARMED, Mode.READY):
+            self._flown = True
+            if mode in (Mode.MISSION, Mode.HOLD) and self.finished(station):
+                self.orders.give(Order.LAND, "the automatic operator")
+            return False
+        if self._flown:
+            return mode == Mode.DISARMED
+        if station.ready:
+            self.orders.give(
+                Order.ARM if mode == Mode.DISARMED else Order.TAKE_OFF, "the automatic operator"
+            )
+        elapsed = station.memory.now - station.began
+        if elapsed > self.patience:
+            for check in station.failed:
+                station.say(f"not ready: {check}")
+            return True
+        return False
+
+
+def fly(
+    site: Site,
+    orders: Orders,
+    over: Callable[[BaseStation], bool],
+    log: Path | None = None,
+    site_text: str = "",
+    show: Callable[[View], None] | None = None,
+    said: Callable[[str], None] | None = None,
+    made: Setup | None = None,
+    here: Path = Path(),
+) -> Outcome:
+    """Fly a site until `over` says so, which is asked in every tick.
+
+    Raises `Refusal` for what does not fit together or does not answer; nothing has moved then.
+    """
+    made = made or setup(site)
+    sheep, dogs = len(site.ugv), len(site.uav)
+    policy = Policy(made.world, made.shepherd, sheep, dogs)
+    try:
+        size = float(made.world.arena.size)
+        along = np.linspace(0.4, 0.8, sheep) * size
+        place = np.stack([along, along[::-1]], axis=1)
+        policy.self_test(Seen(0, place, np.full((dogs, 2), 0.3 * size)))
+        kept = None
+        if log is not None:
+            uavs, ugvs = ([robot.name for robot in which] for which in (site.uav, site.ugv))
+            flight = Flight(
+                site.mission.sheepdog, made.world, tuple(uavs), tuple(ugvs), site.mission.steps
+            )
+            kept = FlightLog(log, site_text, made.card, flight)
+        try:
+            wires = connect(site)
+            try:
+                station = BaseStation(
+                    site, made, wires, policy, orders, kept, show, said, here
+                )
+                return station.fly(over)
+            finally:
+                wires.close()
+        finally:
+            if kept is not None:
+                kept.close()
+    finally:
+        policy.close()
+
+
+def as_toml(value: Any) -> str:
+    """A site as the text of a site file."""
+    import msgspec
+
+    return msgspec.toml.encode(value).decode()

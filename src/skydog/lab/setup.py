@@ -1,0 +1,101 @@
+"""What a site comes to: its world and shepherd, and the base station with its limits."""
+
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skydog.errors import Refusal
+from skydog.flight import altitude, profiles, station
+from skydog.flight.base import Base
+from skydog.flight.limits import Limits
+from skydog.flight.station import DT, Station
+from skydog.lab.site import Site
+from skydog.shepherds import store
+from skydog.shepherds.strombom import Strombom
+from skydog.world import presets
+from skydog.world.mission import Shepherd
+from skydog.world.params import World
+
+ROOM = 0.3  # m between the soft fence and the hard one, at least: what a drone takes to stop
+HEADROOM = 0.3  # m above the highest drone
+
+
+class Setup(NamedTuple):
+    """Everything that is fixed for a flight."""
+
+    world: World
+    shepherd: Shepherd
+    card: dict[str, Any]
+    base: Base
+
+
+def setup(site: Site) -> Setup:
+    """What a site comes to. Raises `Refusal` for what does not fit together."""
+    asked = site.mission
+    goal = None
+    if asked.goal is not None:
+        try:
+            x, y = map(float, asked.goal.split(","))
+        except ValueError:
+            raise Refusal(f"mission.goal is X,Y in metres, got {asked.goal!r:.60}") from None
+        goal = x, y
+    world = presets.preset(asked.preset, asked.arena, len(site.ugv), goal, None)
+    world = presets.at_speed(world, asked.speed)
+    shepherd, card = (
+        (Strombom(), {}) if asked.sheepdog == "strombom" else store.read(asked.sheepdog)
+    )
+    return Setup(world, shepherd, card, base(site, world))
+
+
+def base(site: Site, world: World) -> Base:
+    """The base station of a site. Raises `Refusal` if the dog's airspace does not fit the cage."""
+    uav, rover = profiles.uav(site.uav[0].profile), profiles.rover(site.ugv[0].profile)
+    dt = float(world.arena.dt)
+    if abs(round(dt / DT) * DT - dt) > 1e-6 or dt < DT:
+        raise Refusal(f"decisions are {DT:g} s apart or a multiple of it, got {dt:g} s")
+    size, beyond = float(world.arena.size), float(world.dog.airspace)
+    airspace = (-beyond, size + beyond)
+    height = altitude.HEIGHT + station.LEVEL * np.arange(len(site.uav))[None, :]
+    highest = float(height.max())
+    _fits(site, airspace, highest)
+    loop = Station(
+        uav,
+        rover,
+        site.mission.steering,
+        site.mission.wait,
+        dt,
+        np.asarray(world.sheep.speed, float),
+        site.safety.acceleration,
+    )
+    safety = site.safety
+    limits = Limits(
+        site.cage.x,
+        site.cage.y,
+        site.cage.z,
+        stale=safety.stale,
+        blind=safety.blind,
+        alarm=safety.alarm,
+        # A decision may come a little late without being missed.
+        silence=(safety.missed_decisions + 0.5) * dt,
+        battery=safety.battery,
+        drone_speed=1.5 * uav.velocity.largest,
+        rover_speed=1.5 * rover.motion.largest_speed,
+        runaway=inf if site.mission.flock == "own" else Limits.runaway,
+    )
+    return Base(loop, limits, airspace, (0.0, size), height)
+
+
+def _fits(site: Site, airspace: tuple[float, float], highest: float) -> None:
+    for axis, (least, most) in (("x", site.cage.x), ("y", site.cage.y)):
+        if least > airspace[0] - ROOM or most < airspace[1] + ROOM:
+            raise Refusal(
+                f"the dog's airspace, {airspace[0]:g} to {airspace[1]:g} m, does not fit into "
+                f"cage.{axis}, {least:g} to {most:g} m, with {ROOM:g} m to stop; try a smaller "
+                "mission.arena, or mission.preset = 'paper-physical', whose dog keeps within 0.2 m"
+            )
+    if site.cage.z[1] < highest + HEADROOM:
+        raise Refusal(
+            f"drones fly as high as {highest:g} m, and cage.z ends at {site.cage.z[1]:g} m; "
+            f"{highest + HEADROOM:g} m are needed"
+        )
