@@ -14,6 +14,7 @@ from tyro.conf import OmitArgPrefixes
 from skydog.commands.export import export
 from skydog.commands.flags import STOPPED
 from skydog.commands.herd import herd
+from skydog.commands.lab import lab
 from skydog.commands.presets import presets
 from skydog.commands.replay import replay
 from skydog.commands.reproduce import reproduce
@@ -23,7 +24,7 @@ from skydog.commands.twin import twin
 from skydog.commands.watch import watch
 from skydog.errors import Refusal
 
-COMMANDS = (herd, train, test, twin, reproduce, replay, watch, export, presets)
+COMMANDS = (herd, train, test, twin, lab, reproduce, replay, watch, export, presets)
 CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
 
 

@@ -4,7 +4,7 @@ import threading
 import time
 from typing import NamedTuple
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from skydog.errors import Refusal
 from skydog.flight.base import Decided
 from skydog.world import mission, params
-from skydog.world.mission import Decision, Shepherd
+from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
 
@@ -26,6 +26,15 @@ class Seen(NamedTuple):
     step: int
     sheep: Float[np.ndarray, "sheep 2"]
     dogs: Float[np.ndarray, "dogs 2"]
+
+
+class Decision(NamedTuple):
+    """`skydog.world.mission.Decision`, in NumPy."""
+
+    velocity: Float[np.ndarray, "dogs 2"]
+    force: Float[np.ndarray, "sheep 2"]
+    subgoal: Float[np.ndarray, "dogs 2"]
+    drives: Bool[np.ndarray, " dogs"]
 
 
 class Answer(NamedTuple):
@@ -43,10 +52,12 @@ class Policy:
 
     def __init__(self, world: World, shepherd: Shepherd, sheep: int, dogs: int):
         self.problem: str | None = None
-        self._world, self._shepherd = params.traced(world), params.traced(shepherd)
         self._speed = np.asarray(world.sheep.speed, float)
         self._force = np.zeros((sheep, 2), np.float32)
-        self._decide = eqx.filter_jit(_decide)
+        self._dogs = dogs
+        # World and shepherd are constants of what is compiled: a tenth of the time of a call.
+        world, shepherd = params.traced(world), params.traced(shepherd)
+        self._decide = jax.jit(lambda *seen: _decide(world, shepherd, *seen))
         self._asked: Seen | None = None
         self._answered: Answer | None = None
         self._wake, self._done = threading.Event(), threading.Event()
@@ -107,31 +118,47 @@ class Policy:
                 self._done.set()
 
     def _answer(self, seen: Seen, began: float) -> Answer:
-        state = State(
-            sheep=jnp.asarray(seen.sheep, jnp.float32),
-            dogs=jnp.asarray(seen.dogs, jnp.float32),
-            force=jnp.asarray(self._force),
+        found = np.asarray(
+            self._decide(
+                np.asarray(seen.sheep, np.float32), np.asarray(seen.dogs, np.float32), self._force
+            )
         )
-        decision, wanted, home = self._decide(self._world, self._shepherd, state)
-        force = np.asarray(decision.force)
+        pairs = found[:-1].reshape(-1, 2)
+        dogs, sheep = self._dogs, len(self._force)
+        velocity, wanted, subgoal, drives, force = np.split(
+            pairs, np.cumsum([dogs, dogs, dogs, dogs])
+        )
         # A dog hovers on what is no number (`mission.limited`); the supervisor is to know of it.
-        moves = np.where(np.isfinite(wanted).all(), np.asarray(decision.velocity), np.nan)
+        moves = np.where(np.isfinite(wanted).all(), velocity, np.nan)
         if np.isfinite(force).all():
             self._force = force
-        pushed = force * (self._speed[..., None] if self._speed.ndim else self._speed)
+        speed = self._speed[..., None] if self._speed.ndim else self._speed
+        pushed = force.reshape(sheep, 2) * speed
         return Answer(
             seen.step,
-            decision,
+            Decision(velocity, force, subgoal, drives[:, 0] > 0.5),
             Decided(np.asarray(moves, float)[None], np.asarray(pushed, float)[None]),
-            bool(home),
+            bool(found[-1] > 0.5),
             time.monotonic() - began,
         )
 
 
 def _decide(
-    world: World, shepherd: Shepherd, state: State
-) -> tuple[Decision, Float[Array, "dogs 2"], Bool[Array, ""]]:
-    """The decision, what the shepherd wanted before it was limited, and whether all are home."""
+    world: World,
+    shepherd: Shepherd,
+    sheep: Float[Array, "sheep 2"],
+    dogs: Float[Array, "dogs 2"],
+    force: Float[Array, "sheep 2"],
+) -> Float[Array, " numbers"]:
+    """All that is decided, in one array, since each that comes back takes its time.
+
+    Rows of two: the dogs' velocities, those wanted before they were limited, subgoals, and whether
+    each drives; the sheep's forces. The last number is whether all are home.
+    """
+    state = State(sheep=sheep, dogs=dogs, force=force)
     wanted = shepherd(world, state)
-    decision = mission.decide(world, lambda *_: wanted, state)
-    return decision, wanted, mission.accomplished(world, state)
+    decided = mission.decide(world, lambda *_: wanted, state)
+    drives = jnp.repeat(decided.drives.astype(jnp.float32), 2).reshape(-1, 2)
+    rows = (decided.velocity, wanted, decided.subgoal, drives, decided.force)
+    home = mission.accomplished(world, state).astype(jnp.float32)
+    return jnp.concatenate([jnp.concatenate(rows).ravel(), home[None]])

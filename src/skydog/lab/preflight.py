@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from skydog.flight.base import CLEAR, Base
+from skydog.flight.station import DT
 from skydog.lab.adapters import Status
 from skydog.lab.eyes import Sighting
 from skydog.lab.site import Site, UAVSite, UGVSite
 
 RATE = (0.8, 1.2)  # share of the site's rate that a tracker must keep; Crazyswarm2: 80 to 120 Hz
-FRESH = 0.05  # s
 APART = 0.03  # m between rovers
 USED = 0.8  # share of a battery's minutes that is counted on; ours
 
@@ -38,11 +38,13 @@ def checks(
     others: Mapping[str, Sequence[str]],
     self_test: str,
     now: float,
+    stops: Sequence[str] = (),
 ) -> list[Check]:
     """All checks, those of bodies first. `seconds` is how long a mission can take.
 
     `rates` are the poses a second of each body, drones first; `others` who else commands a robot,
-    by its name; `self_test` is why the sheepdog fails its own, or "".
+    by its name; `self_test` is why the sheepdog fails its own, or ""; `stops` are what would
+    stop a flight at once: a stop file, a dead-man button that is let go.
     """
     robots = [*site.uav, *site.ugv]
     names = [robot.name for robot in robots]
@@ -50,13 +52,14 @@ def checks(
     found = [
         Check(
             f"{name} is seen",
-            now - came <= FRESH,
+            now - came <= base.limits.stale,
             why or "fresh",
             "show it to the tracker, and call it so there",
         )
         for name, came, why in zip(names, sighting.came, sighting.why, strict=True)
     ]
-    least, most = (share * site.mocap.rate for share in RATE)
+    # A tick takes the latest frame, so that of a faster tracker a hundred a second are counted.
+    least, most = (share * min(site.mocap.rate, 1.0 / DT) for share in RATE)
     found += [
         Check(
             f"rate of {name}",
@@ -71,6 +74,7 @@ def checks(
         found += _drone(uav, said, seconds)
     found += [_alone(robot, others.get(robot.name, ())) for robot in robots]
     found.append(Check("self-test of the sheepdog", not self_test, self_test or "passes"))
+    found.append(Check("no stop is on", not stops, ", ".join(stops) or "none"))
     return found
 
 

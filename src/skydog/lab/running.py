@@ -39,16 +39,30 @@ class Automatic:
             return False
         if self._flown:
             return mode == Mode.DISARMED
-        if station.ready:
+        if station.look_out.ready:
             self.orders.give(
                 Order.ARM if mode == Mode.DISARMED else Order.TAKE_OFF, "the automatic operator"
             )
         elapsed = station.memory.now - station.began
         if elapsed > self.patience:
-            for check in station.failed:
+            for check in station.look_out.failed:
                 station.say(f"not ready: {check}")
             return True
         return False
+
+
+@dataclass
+class Operated:
+    """A human at the keys: the flight is over once it has landed, or he quits on the ground."""
+
+    orders: Orders
+    _flown: bool = False
+
+    def __call__(self, station: BaseStation) -> bool:
+        """Whether the flight is over; asked in every tick."""
+        mode = station.memory.supervisor.mode[0]
+        self._flown = self._flown or mode not in (Mode.DISARMED, Mode.READY)
+        return bool(mode == Mode.DISARMED and (self._flown or self.orders.quits))
 
 
 def fly(
@@ -84,9 +98,7 @@ def fly(
         try:
             wires = connect(site)
             try:
-                station = BaseStation(
-                    site, made, wires, policy, orders, kept, show, said, here
-                )
+                station = BaseStation(site, made, wires, policy, orders, kept, show, said, here)
                 return station.fly(over)
             finally:
                 wires.close()
@@ -97,8 +109,8 @@ def fly(
         policy.close()
 
 
-def as_toml(value: Any) -> str:
-    """A site as the text of a site file."""
+def as_json(value: Any) -> str:
+    """A site as JSON, for the log of a flight that had no site file."""
     import msgspec
 
-    return msgspec.toml.encode(value).decode()
+    return msgspec.json.encode(value).decode()

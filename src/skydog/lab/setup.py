@@ -32,6 +32,13 @@ class Setup(NamedTuple):
 
 def setup(site: Site) -> Setup:
     """What a site comes to. Raises `Refusal` for what does not fit together."""
+    here, asked = world(site), site.mission.sheepdog
+    shepherd, card = (Strombom(), {}) if asked == "strombom" else store.read(asked)
+    return Setup(here, shepherd, card, base(site, here))
+
+
+def world(site: Site) -> World:
+    """The world of a site's mission. Raises `Refusal` for one that cannot be."""
     asked = site.mission
     goal = None
     if asked.goal is not None:
@@ -40,12 +47,8 @@ def setup(site: Site) -> Setup:
         except ValueError:
             raise Refusal(f"mission.goal is X,Y in metres, got {asked.goal!r:.60}") from None
         goal = x, y
-    world = presets.preset(asked.preset, asked.arena, len(site.ugv), goal, None)
-    world = presets.at_speed(world, asked.speed)
-    shepherd, card = (
-        (Strombom(), {}) if asked.sheepdog == "strombom" else store.read(asked.sheepdog)
-    )
-    return Setup(world, shepherd, card, base(site, world))
+    here = presets.preset(asked.preset, asked.arena, len(site.ugv), goal, None)
+    return presets.at_speed(here, asked.speed)
 
 
 def base(site: Site, world: World) -> Base:

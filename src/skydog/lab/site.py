@@ -26,7 +26,7 @@ UGVAdapter = Literal["ros1", "dds"]
 Metres = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
 Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
 Point = tuple[Metres, Metres, Metres]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=23)]  # of Vicon and ROS
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=23)]  # of Vicon and ROS
 Text = Annotated[str, Meta(max_length=500)]
 
 

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.errors import Refusal
 from skydog.flight import altitude, base, profiles, rovers, setpoints, station
@@ -24,6 +24,7 @@ from skydog.flight.station import DT, Frame, Station
 from skydog.flight.supervisor import Mode, Order
 from skydog.twin import bodies, plant
 from skydog.twin import starts as pads
+from skydog.twin.deciding import decide
 from skydog.twin.disturbances import DISTURBANCES, Disturbances
 from skydog.twin.noise import Drawn, Luck
 from skydog.twin.plant import Plant, Truth
@@ -194,7 +195,7 @@ class Flight:
         self.how = np.full(missions, OUT_OF_TIME)
         # A plain function is compiled for this flight alone: it may read what has changed by then.
         kept = isinstance(shepherd, eqx.Module)
-        self._decided = _decide if kept else eqx.filter_jit(lambda *given: _decide(*given))
+        self._decided = decide if kept else eqx.filter_jit(lambda *given: decide(*given))
 
     def fly(self) -> Trace:
         """Take off and fly all missions to their ends."""
@@ -344,32 +345,6 @@ class Flight:
                 how=jnp.asarray(self.how, jnp.int32), steps=jnp.full(missions, self.steps)
             ),
         )
-
-
-@mission.compiled_once
-def _decide(
-    world: World,
-    shepherd: Shepherd,
-    seen: State,
-    real: State,
-    keys: Key[Array, " batch"] | None,
-    now: Int[Array, ""],
-) -> tuple[Decision, Bool[Array, " batch"]]:
-    """`mission.decide` on what is seen, with the world's own noise; and whether all are home."""
-
-    def one(seen: State, real: State, key: PRNGKeyArray | None) -> tuple[Decision, Bool[Array, ""]]:
-        for_sheep, shown = None, seen
-        error = 0.0
-        if key is not None:
-            for_sheep, for_dogs, perceiving = jax.random.split(jax.random.fold_in(key, now), 3)
-            shown = mission.perceive(world, seen, perceiving)
-            error = world.dog.actuation_noise * jax.random.normal(for_dogs, seen.dogs.shape)
-        decided = mission.decide(world, shepherd, seen, seen=shown, key=for_sheep)
-        decided = replace(decided, velocity=decided.velocity + error)
-        return decided, mission.accomplished(world, real)
-
-    keyed = None if keys is None else 0
-    return jax.vmap(one, in_axes=(0, 0, keyed))(seen, real, keys)
 
 
 def _ticks(world: World) -> int:

@@ -23,7 +23,7 @@ class Flown(NamedTuple):
 
 @runtime_checkable
 class DroneDriver(Protocol):
-    """The driver of an emulated drone: real topics or packets on one side, the twin on the other."""
+    """The driver of an emulated drone: real topics or packets on one side, the twin on another."""
 
     def step(self, shown: Shown, now: float) -> Flown | None:
         """What is flown in the next hundredth of a second; None when its motors are off."""

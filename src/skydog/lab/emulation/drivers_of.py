@@ -88,7 +88,7 @@ def _rover(ugv: UGVSite, node: Any, domain: Any, latches: bool) -> Any:
 def _shows(room: Room, node: Any, domain: Any) -> Any:
     site = room.site
     if site.mocap.source == "vicon-udp":
-        return Tracker(site, room.start.seed)
+        return Tracker(site, room.start.key[-1])
     names = tuple(robot.name for robot in (*site.uav, *site.ugv))
     if site.mocap.source == "ros1":
         from skydog.lab.emulation.ros1 import ViconBridge

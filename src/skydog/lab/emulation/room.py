@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from skydog.flight import autopilot, profiles, rovers
@@ -26,7 +27,7 @@ from skydog.twin.plant import Plant, Truth
 
 ANSWERS = 0.5 * DT  # s after a frame until which commands that answer it count in the same tick
 REPORT = 0.1  # s
-HARD = 1.0  # m/s at which a drone that comes to the floor has crashed
+HARD = 2.5  # m/s at which a drone that comes to the floor has crashed: a fall from 0.3 m
 DRIVEN = 0.05  # m/s: a rover that is faster moves
 
 
@@ -39,9 +40,7 @@ class Start:
     size: float  # m, of the arena
     goal: tuple[float, float, float]  # x, y and radius in metres
     disturb: str = "none"
-    seed: int = 0  # of the key that draws the disturbances
-    case: int = 0  # of how many missions that key is split into, and which this is
-    cases: int = 1
+    key: tuple[int, ...] = (0, 0)  # that draws the disturbances of this mission, as the twin's
     latches: frozenset[str] = frozenset()  # rovers that obey their last command for ever
     guarded: frozenset[str] = frozenset()  # robots that a guard stands before
 
@@ -81,7 +80,7 @@ class Room:
             self.uav, self.rover, start.size, start.goal, sheep, dogs, disturb.friction
         )
         self.plant = Plant(self.uav, built, 1, 1)
-        keys = jax.random.split(jax.random.key(start.seed), start.cases)[start.case][None]
+        keys = jax.random.wrap_key_data(jnp.array([start.key], jnp.uint32))
         self.luck = Luck(disturb, self.uav, keys, sheep, dogs)
         pad, wheel = bodies.rest(self.uav, self.rover)
         self.plant.place(

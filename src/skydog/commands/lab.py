@@ -1,0 +1,329 @@
+"""`skydog lab`: fly a laboratory, or emulate one on this machine."""
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import Positional, arg
+
+from skydog.commands.flags import Json, MaybeOut
+from skydog.errors import Refusal
+
+if TYPE_CHECKING:
+    from skydog.lab.flying import Outcome
+    from skydog.lab.orders import Orders
+    from skydog.lab.site import Site
+    from skydog.world.params import World
+
+VERBS = ("check", "faults", "recover")
+USAGE = (
+    "try skydog lab SITE.toml, skydog lab --emulate, skydog lab check SITE.toml, "
+    "skydog lab faults or skydog lab recover LOG"
+)
+Adapter = Literal[
+    "tum-simulator", "ardrone-autonomy", "twist-dds", "crazyswarm2", "crazyflie", "mavlink"
+]
+
+
+def lab(
+    what: Positional[
+        Annotated[tuple[str, ...], arg(metavar="SITE.toml|check|faults|recover")]
+    ] = (),
+    emulate: bool = False,
+    faults: Annotated[str | None, arg(metavar="NAME")] = None,
+    transport: Literal["ros1", "dds"] = "ros1",
+    adapter: Adapter | None = None,
+    sheepdog: Annotated[str, arg(metavar="SHEEPDOG|strombom")] = "h-ddpg-6x6",
+    disturb: Annotated[str, arg(metavar="NAME")] = "lab",
+    speed: Annotated[float, arg(metavar="SHARE")] = 1.0,
+    wait: Annotated[float | None, arg(metavar="METRES")] = None,
+    steps: int = 1000,
+    seed: int = 0,
+    out: MaybeOut = None,
+    as_json: Json = False,
+) -> int:
+    """Fly a sheepdog in a laboratory: motion capture in, commands out, a supervisor in between.
+
+    SITE.toml says what there is: see docs/lab.md and examples/sites. Nothing takes off before you
+    say so, and space stops: once to hold, twice to land, three times to cut the motors.
+
+    skydog lab --emulate flies the whole chain on this machine instead, in real time: the twin's
+    bodies, a tracker over UDP, a ROS master or DDS. skydog lab check SITE.toml says line by line
+    what a site file lacks. skydog lab faults breaks one thing after another in emulated flights.
+    skydog lab recover LOG makes the log of a killed flight whole again.
+
+    Example: skydog lab --emulate --faults silent-1
+
+    Args:
+        what: A site file to fly; or check and a site file; or faults, and names of faults if not
+            all; or recover and the log of a flight.
+        emulate: Fly an emulated laboratory on this machine.
+        faults: Of an emulated flight: what goes wrong three seconds into the mission.
+        transport: What an emulated flight speaks to its robots: ros1, or dds as ROS 2 does.
+        adapter: The emulated drone: ardrone-autonomy if not given, over dds twist-dds.
+        sheepdog: Who flies an emulated flight: a file, run folder or name, or strombom.
+        disturb: What goes wrong in an emulated flight all the time: none, mild or lab.
+        speed: Share of the world's speeds at which an emulated flight moves.
+        wait: Take the next set-point only once the drone is so near to the last one.
+        steps: Maximum steps of an emulated mission.
+        seed: Random seed of an emulated flight: its start, and what goes wrong.
+        out: The folder of the flight log; runs/lab/ and the time if not given.
+        as_json: Print the results as JSON.
+    """
+    verb = what[0] if what and what[0] in VERBS else ""
+    named = what[1:] if verb else what
+    if verb == "faults":
+        return _campaign(named, out, as_json)
+    if faults is not None and not emulate:
+        raise Refusal(f"--faults {faults} is for emulated flights; try --emulate too")
+    if emulate:
+        if what:
+            raise Refusal(f"--emulate makes its own site, got {what[0]!r:.60} too; leave it out")
+        if faults is not None:
+            return _campaign((faults,), out, as_json)
+        flown = _emulate(
+            transport, adapter, sheepdog, disturb, speed, wait, steps, seed, _home(out)
+        )
+        return _report(*flown, as_json)
+    if len(named) != 1:
+        raise Refusal(f"lab flies one site file, got {len(named)} names; {USAGE}")
+    path = Path(named[0])
+    if verb == "recover":
+        from skydog.lab import flightlog
+
+        flightlog.recover(path)
+        print(path)
+        return 0
+    if verb == "check":
+        return _check(path, as_json)
+    return _report(*_fly(path, _home(out)), as_json)
+
+
+def _home(out: Path | None) -> Path:
+    return out or Path("runs") / "lab" / time.strftime("flight-%Y%m%d-%H%M%S")
+
+
+def _fly(path: Path, log: Path) -> tuple["Outcome | None", Path]:
+    """Fly a site file, a human at the keys."""
+    from skydog.lab import check, running, setup, site
+    from skydog.lab.orders import Orders
+
+    found = site.load(path)
+    wrong = [line for line in check.lines(found) if not line.ok]
+    if wrong:
+        raise Refusal(f"{path}: {wrong[0].what}: {wrong[0].write}; try skydog lab check {path}")
+    made = setup.setup(found)
+    orders = Orders()
+    with _operator(orders), ExitStack() as stack:
+        board = stack.enter_context(_board(found, made.world))
+        outcome = running.fly(
+            found,
+            orders,
+            running.Operated(orders),
+            log,
+            path.read_text(),
+            board.show,
+            board.said,
+            made,
+            path.parent,
+        )
+    return outcome, log
+
+
+def _emulate(
+    transport: Literal["ros1", "dds"],
+    adapter: Adapter | None,
+    sheepdog: str,
+    disturb: str,
+    speed: float,
+    wait: float | None,
+    steps: int,
+    seed: int,
+    log: Path,
+) -> tuple["Outcome | None", Path]:
+    """Fly an emulated laboratory; it arms and takes off by itself."""
+    import jax
+    import numpy as np
+
+    from skydog.commands import console
+    from skydog.flight import profiles
+    from skydog.lab import running, setup
+    from skydog.lab.emulation.chain import Chain, a_site
+    from skydog.lab.emulation.room import Start
+    from skydog.lab.orders import Orders
+    from skydog.lab.site import Mission
+    from skydog.twin import Twin, starts
+    from skydog.world import presets
+
+    if not 0.0 < speed <= 1.0:
+        raise Refusal(f"--speed is a share from 0 to 1, got {speed:g}; try --speed 0.5")
+    if not 1 <= steps <= 100_000:
+        raise Refusal(f"there are 1 to 100,000 steps, got {steps}; try --steps 1000")
+    Twin(disturb=disturb, wait=wait).check()
+    world = presets.preset("paper-physical")
+    size = float(world.arena.size)
+    mission = Mission(sheepdog=sheepdog, speed=speed, wait=wait, steps=steps)
+    site = a_site(mission, size, transport, adapter)
+    made = setup.setup(site)
+    uav, rover = profiles.uav(site.uav[0].profile), profiles.rover(site.ugv[0].profile)
+    drawn = starts.draw(world, 1, "spaced", uav, rover, seed)
+    arena = world.arena
+    start = Start(
+        dogs=tuple((float(x), float(y)) for x, y in np.asarray(drawn.dogs[0])),
+        sheep=tuple((float(x), float(y)) for x, y in np.asarray(drawn.sheep[0])),
+        size=size,
+        goal=(float(arena.goal_x), float(arena.goal_y), float(arena.goal_radius)),
+        disturb=disturb,
+        key=tuple(np.asarray(jax.random.key_data(jax.random.key(seed))).tolist()),
+    )
+    console.say("Starting the emulated laboratory: its room, its tracker, its robots.")
+    orders = Orders()
+    with _operator(orders), Chain(site, start) as chain, ExitStack() as stack:
+        board = stack.enter_context(_board(chain.site, made.world))
+        outcome = running.fly(
+            chain.site,
+            orders,
+            running.Automatic(orders),
+            log,
+            running.as_json(chain.site),
+            board.show,
+            board.said,
+            made,
+            log.parent,
+        )
+    return outcome, log
+
+
+def _board(site: "Site", world: "World") -> Any:
+    from skydog.commands import console
+    from skydog.lab.dashboard import Dashboard
+
+    return Dashboard(console.progress_console, site, world)
+
+
+@contextmanager
+def _operator(orders: "Orders") -> Iterator[None]:
+    """Keys give orders, and signals do not kill what flies: Ctrl-C is a stop, SIGTERM lands."""
+    from skydog.flight.supervisor import Order
+    from skydog.lab.orders import Keys
+
+    def stop(*_: object) -> None:
+        orders.quits = True
+        orders.give(Order.STOP, "Ctrl-C")
+
+    def land(*_: object) -> None:
+        orders.quits = True
+        orders.give(Order.LAND, "SIGTERM")
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, land)
+    try:
+        with Keys(orders):
+            yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _check(path: Path, as_json: bool) -> int:
+    """Print what a site file has, and what to write."""
+    import json
+
+    from rich.console import Console
+
+    from skydog.lab import check, site
+
+    lines = check.lines(site.load(path))
+    if as_json:
+        print(json.dumps([line._asdict() for line in lines], indent=2))
+    else:
+        screen = Console()
+        for line in lines:
+            mark = "[green]ok[/]   " if line.ok else "[red]write[/]"
+            screen.print(mark, end=" ")
+            screen.print(line.what, highlight=False, markup=False)
+            if not line.ok and line.write:
+                screen.print(f"      {line.write}", highlight=False, markup=False, soft_wrap=True)
+    return 0 if all(line.ok for line in lines) else 2
+
+
+def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
+    """Break one thing after another in emulated flights, and print what came of each."""
+    import json
+
+    from rich.table import Table
+
+    from skydog import files
+    from skydog.commands import console
+    from skydog.lab.emulation import faults
+    from skydog.study import report
+
+    for name in names:
+        if name not in faults.FAULTS:
+            raise Refusal(
+                f"no fault is called {name!r:.60}; choose from {', '.join(faults.FAULTS)}"
+            )
+    home = files.folder(out or Path("runs") / "lab" / time.strftime("faults-%Y%m%d-%H%M%S"))
+    chosen = list(names or faults.FAULTS)
+    rows = []
+    for number, name in enumerate(chosen, 1):
+        console.say(f"{number} of {len(chosen)}: {name}, {faults.FAULTS[name].what}")
+        rows.append(faults.fly(name, home / name, console.say))
+        files.write_text(
+            home / "faults.json", json.dumps([row._asdict() for row in rows], indent=2)
+        )
+        files.write_text(home / "faults.md", report.markdown_table(*faults.table(rows)))
+    if as_json:
+        print(json.dumps([row._asdict() for row in rows], indent=2))
+    else:
+        head, body = faults.table(rows)
+        shown = Table(*head)
+        for cells in body:
+            shown.add_row(*cells)
+        console.print_table(shown)
+    console.say(f"Everything is in {home}.")
+    return 0 if all(row.as_expected for row in rows) else 1
+
+
+def _report(outcome: "Outcome | None", log: Path, as_json: bool) -> int:
+    """Print how a flight went: its metrics if it flew a mission, and how it kept time."""
+    import json
+
+    import numpy as np
+
+    from skydog.commands import console
+    from skydog.lab import flightlog
+    from skydog.study import evaluate
+
+    assert outcome is not None
+    console.say(f"The flight log is {log}; see it by skydog replay {log}")
+    times = {
+        name: {f"p{share}": float(np.percentile(values, share)) for share in (50, 99, 100)}
+        for name in ("jitter", "latency", "decide")
+        if (values := getattr(outcome.times, name))
+    }
+    result: dict[str, Any] = {
+        "ended": outcome.how,
+        "steps": outcome.steps,
+        "times": times,
+        "ticks": len(outcome.times.jitter),
+        "missed": outcome.times.missed,
+        "blind": outcome.times.blind,
+    }
+    if outcome.steps:
+        import jax
+
+        trace, _ = flightlog.load(log)
+        result |= evaluate.row(jax.tree.map(lambda part: part[None], trace))
+    if as_json:
+        print(json.dumps(result, indent=2))
+    else:
+        print(f"{outcome.how} after {outcome.steps} steps")
+        for name, values in times.items():
+            print(f"{name}: " + ", ".join(f"{p} {1e3 * v:.2f} ms" for p, v in values.items()))
+        print(f"deadlines missed: {outcome.times.missed} of {len(outcome.times.jitter)}")
+    return 0 if outcome.how == "accomplished" else 1

@@ -1,0 +1,94 @@
+"""What is looked at less often than poses: the pre-flight gate, other publishers, stuck rovers."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from math import inf
+
+import numpy as np
+
+from skydog.flight.base import Memory
+from skydog.lab.adapters import Status
+from skydog.lab.eyes import Sighting
+from skydog.lab.preflight import Check, checks
+from skydog.lab.setup import Setup
+from skydog.lab.site import Site
+from skydog.lab.wires import Wires
+
+GATE = 0.2  # s between looks at the pre-flight gate
+OTHERS = 1.0  # s between looks for second publishers
+STUCK = 3.0  # s for which a rover is told to drive and does not, before the operator hears of it
+DRIVES, STANDS = 0.05, 0.01  # m/s as commanded, and as seen
+TAKES_OFF = 30.0  # s of battery for take-off and landing
+
+
+class Lookout:
+    """Looks now and then, and says what it finds."""
+
+    def __init__(self, site: Site, made: Setup, wires: Wires, say: Callable[[str], None]):
+        self.checks: list[Check] = []
+        self.others: dict[str, tuple[str, ...]] = {}
+        self._site, self._made, self._wires, self._say = site, made, wires, say
+        self._names = [robot.name for robot in (*site.uav, *site.ugv)]
+        self._came: list[deque[float]] = [deque(maxlen=1000) for _ in self._names]
+        self._gate_due = self._others_due = -inf
+        self._drove = [inf] * len(site.ugv)  # s: when each was last told to stand, or moved
+        self._told: set[str] = set()
+        self._seconds = site.mission.steps * float(made.world.arena.dt) + TAKES_OFF
+
+    @property
+    def ready(self) -> bool:
+        """Whether the pre-flight gate passes."""
+        return bool(self.checks) and all(check.passes for check in self.checks)
+
+    @property
+    def failed(self) -> list[Check]:
+        """The pre-flight checks that do not pass."""
+        return [check for check in self.checks if not check.passes]
+
+    def look(
+        self, now: float, sighting: Sighting, status: Sequence[Status], grounded: bool, policy: str
+    ) -> None:
+        """Look at what is due. `policy` is what the shepherd complains of, if it does."""
+        for came, latest in zip(self._came, sighting.came, strict=True):
+            if not came or came[-1] != latest:
+                came.append(latest)
+        if now >= self._others_due:
+            self._others_due = now + OTHERS
+            self._look_for_others()
+        if grounded and now >= self._gate_due:
+            self._gate_due = now + GATE
+            self.checks = checks(
+                self._site,
+                self._made.base,
+                self._seconds,
+                sighting,
+                self.rates(now),
+                status,
+                self.others,
+                policy,
+                now,
+            )
+
+    def rates(self, now: float) -> tuple[float, ...]:
+        """The poses of each body in the last second, drones first."""
+        return tuple(float(sum(now - at <= 1.0 for at in came)) for came in self._came)
+
+    def stuck(self, memory: Memory) -> None:
+        """Say which rover is told to drive and does not move."""
+        told, moves = memory.station.twist, memory.station.sheep.velocity[0]
+        for number, name in enumerate(self._names[len(self._site.uav) :]):
+            idle = abs(told.speed[0, number]) < DRIVES or np.hypot(*moves[number]) > STANDS
+            if idle:
+                self._drove[number] = memory.now
+                self._told.discard(name)
+            elif memory.now - self._drove[number] > STUCK and name not in self._told:
+                self._told.add(name)
+                self._say(f"{name} is told to drive and does not move")
+
+    def _look_for_others(self) -> None:
+        wires = (*self._wires.drones, *self._wires.rovers)
+        found = {name: wire.others() for name, wire in zip(self._names, wires, strict=True)}
+        for name, who in found.items():
+            if who and who != self.others.get(name, ()):
+                self._say(f"{', '.join(who)} commands {name} too")
+        self.others = found

@@ -1,0 +1,37 @@
+"""What is decided in the twin: on what motion capture sees, with the world's own noise."""
+
+from dataclasses import replace
+
+import jax
+from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
+
+from skydog.world import mission
+from skydog.world.mission import Decision, Shepherd
+from skydog.world.params import World
+from skydog.world.state import State
+
+
+@mission.compiled_once
+def decide(
+    world: World,
+    shepherd: Shepherd,
+    seen: State,
+    real: State,
+    keys: Key[Array, " batch"] | None,
+    now: Int[Array, ""],
+) -> tuple[Decision, Bool[Array, " batch"]]:
+    """`mission.decide` on what is seen, with the world's own noise; and whether all are home."""
+
+    def one(seen: State, real: State, key: PRNGKeyArray | None) -> tuple[Decision, Bool[Array, ""]]:
+        for_sheep, shown = None, seen
+        error = 0.0
+        if key is not None:
+            for_sheep, for_dogs, perceiving = jax.random.split(jax.random.fold_in(key, now), 3)
+            shown = mission.perceive(world, seen, perceiving)
+            error = world.dog.actuation_noise * jax.random.normal(for_dogs, seen.dogs.shape)
+        decided = mission.decide(world, shepherd, seen, seen=shown, key=for_sheep)
+        decided = replace(decided, velocity=decided.velocity + error)
+        return decided, mission.accomplished(world, real)
+
+    keyed = None if keys is None else 0
+    return jax.vmap(one, in_axes=(0, 0, keyed))(seen, real, keys)
