@@ -28,7 +28,7 @@ SPEED, AWAY = 0.5, 1.0  # m/s and m
 SETTLED = 0.05  # m
 EVERYONE = np.array([0])
 
-Fly = Callable[[Flight, int], tuple[Memory, Commands]]
+Fly = Callable[[Flight, Memory, int], tuple[Memory, Commands]]
 """A tick of the base station, by its number: what it remembers and sends."""
 
 Flown = dict[str, Float[np.ndarray, " ticks"]]
@@ -47,13 +47,14 @@ def hovering(name: str) -> Flight:
 def flown(name: str, seconds: float, fly: Fly) -> Flown:
     """What a drone flies along x, tick by tick: metres, m/s, radians of tilt."""
     flight = hovering(name)
+    memory = flight.memory.station
     places, tilts = [], []
     for tick in range(round(seconds / DT) + 1):
         truth = flight.plant.truth()
         places.append(truth.dogs[0, 0, 0])
         tilts.append(truth.attitude[0, 0, 1])
-        flight.memory = station.see(flight.memory, flight.luck.frame(truth, None))
-        flight.memory, sent = fly(flight, tick)
+        memory = station.see(memory, flight.luck.frame(truth, None))
+        memory, sent = fly(flight, memory, tick)
         heard = flight.luck.hear(sent, None)
         tilt = None if flight.uav.velocity.on_board else heard.tilt
         steps = round(DT / plant.DT)
@@ -62,9 +63,9 @@ def flown(name: str, seconds: float, fly: Fly) -> Flown:
     return {"position": place, "velocity": np.gradient(place, DT), "tilt": np.array(tilts)}
 
 
-def by_velocity(flight: Flight, tick: int) -> tuple[Memory, Commands]:
+def by_velocity(flight: Flight, memory: Memory, tick: int) -> tuple[Memory, Commands]:
     """The velocity loop alone is commanded `SPEED`."""
-    memory, sent = station.act(flight.station, flight.memory, 0.0, flight.height)
+    memory, sent = station.act(flight.station, memory, 0.0, flight.height)
     level = np.array([[[SPEED, 0.0]]])
     velocity = np.concatenate([level, sent.velocity[..., 2:]], axis=-1)
     change, zero = (level / DT if tick == 0 else 0.0 * level), np.zeros_like(level)
@@ -73,18 +74,16 @@ def by_velocity(flight: Flight, tick: int) -> tuple[Memory, Commands]:
     return memory, sent._replace(velocity=velocity, tilt=tilt)
 
 
-def by_decision(flight: Flight, tick: int) -> tuple[Memory, Commands]:
+def by_decision(flight: Flight, memory: Memory, tick: int) -> tuple[Memory, Commands]:
     """A shepherd decides `SPEED`: the set-point runs on at it."""
-    memory = flight.memory
     if tick == 0:
         here = memory.dog_setpoint.origin
         memory = memory._replace(dog_setpoint=Setpoint(here, np.array([[[SPEED, 0.0]]])))
     return station.act(flight.station, memory, tick * DT, flight.height)
 
 
-def by_position(flight: Flight, tick: int) -> tuple[Memory, Commands]:
+def by_position(flight: Flight, memory: Memory, tick: int) -> tuple[Memory, Commands]:
     """The set-point jumps by `AWAY`, and stands."""
-    memory = flight.memory
     if tick == 0:
         there = memory.dog_setpoint.origin + np.array([AWAY, 0.0])
         memory = memory._replace(dog_setpoint=setpoints.stand(there))

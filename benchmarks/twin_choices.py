@@ -38,7 +38,7 @@ class Watched(Flight):
         return super().fly()
 
     def _record(self, truth, decided, done, over) -> Record:
-        away = station.flock(self.station, self.memory) - truth.sheep
+        away = station.flock(self.station, self.memory.station) - truth.sheep
         self.apart.append(np.linalg.norm(away, axis=-1)[~over].ravel())
         return super()._record(truth, decided, done, over)
 

@@ -1,7 +1,6 @@
 """A site file is parsed with bounds, and whoever mistypes is told what to write."""
 
 import re
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -9,10 +8,9 @@ import pytest
 pytest.importorskip("msgspec", reason="skydog[lab] is not installed")
 
 from skydog.errors import Refusal
-from skydog.lab import running, site
-from skydog.lab.site import Cage, Safety, Site, UAVSite, UGVSite
+from skydog.lab import site
+from skydog.lab.site import Cage, Safety, UAVSite, UGVSite
 
-EXAMPLES = Path(__file__).parents[2] / "examples" / "sites"
 LAB = """
 [cage]
 x = [-0.7, 6.7]
@@ -48,12 +46,6 @@ def test_what_a_site_file_does_not_say_has_its_default():
     assert parsed.ugv == (UGVSite("ugv1"),)
     assert parsed.safety == Safety()
     assert parsed.mocap.host == parsed.ros1.address == parsed.dds.peers[0] == "127.0.0.1"
-
-
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
-def test_a_site_is_the_same_after_it_was_written_and_read_again(path):
-    parsed = site.load(path)
-    assert site.parse(running.as_toml(parsed)) == parsed
 
 
 @pytest.mark.parametrize("part", ["[cage]", "[[uav]]", "[[ugv]]"])
@@ -134,7 +126,7 @@ def test_a_cage_that_ends_before_it_begins_is_refused():
 def test_a_site_has_at_most_8_drones_and_50_rovers():
     robots = "".join(f'[[ugv]]\nname = "more{number}"\n' for number in range(50))
     assert "got 1 and 51" in refused(LAB + robots)
-    assert "at least" in refused("ugv = []\n" + without("[[ugv]]")) or True
+    assert "got 1 and 0" in refused("ugv = []\n" + without("[[ugv]]"))
 
 
 def test_drones_of_several_profiles_are_refused():
@@ -163,13 +155,3 @@ def test_a_file_that_is_missing_a_folder_too_large_or_no_toml_is_refused_by_its_
             site.load(path)
         assert str(path) in str(refusal.value)
         assert "\n" not in str(refusal.value)
-
-
-def test_every_field_of_a_site_stands_in_the_docs():
-    page = (EXAMPLES.parents[1] / "docs" / "lab.md").read_text()
-    for part in fields(Site):
-        kind = {"uav": UAVSite, "ugv": UGVSite}.get(part.name) or type(
-            getattr(site.parse(LAB), part.name)
-        )
-        for field in fields(kind):
-            assert f"`{part.name}.{field.name}`" in page, f"{part.name}.{field.name} is not there"

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from skydog.commands.flags import Json, MaybeOut
+from skydog.commands.flags import STOPPED, Json, MaybeOut
 from skydog.errors import Refusal
 
 if TYPE_CHECKING:
     from skydog.lab.flying import Outcome
     from skydog.lab.orders import Orders
     from skydog.lab.site import Site
-    from skydog.world.params import World
 
 VERBS = ("check", "faults", "recover")
 USAGE = (
@@ -118,7 +117,7 @@ def _fly(path: Path, log: Path) -> tuple["Outcome | None", Path]:
     made = setup.setup(found)
     orders = Orders()
     with _operator(orders), ExitStack() as stack:
-        board = stack.enter_context(_board(found, made.world))
+        board = stack.enter_context(_board(found))
         outcome = running.fly(
             found,
             orders,
@@ -182,7 +181,7 @@ def _emulate(
     console.say("Starting the emulated laboratory: its room, its tracker, its robots.")
     orders = Orders()
     with _operator(orders), Chain(site, start) as chain, ExitStack() as stack:
-        board = stack.enter_context(_board(chain.site, made.world))
+        board = stack.enter_context(_board(chain.site))
         outcome = running.fly(
             chain.site,
             orders,
@@ -197,11 +196,11 @@ def _emulate(
     return outcome, log
 
 
-def _board(site: "Site", world: "World") -> Any:
+def _board(site: "Site") -> Any:
     from skydog.commands import console
     from skydog.lab.dashboard import Dashboard
 
-    return Dashboard(console.progress_console, site, world)
+    return Dashboard(console.progress_console, site)
 
 
 @contextmanager
@@ -259,26 +258,30 @@ def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
 
     from skydog import files
     from skydog.commands import console
-    from skydog.lab.emulation import faults
+    from skydog.lab.emulation import campaign, faults
     from skydog.study import report
 
-    for name in names:
-        if name not in faults.FAULTS:
-            raise Refusal(
-                f"no fault is called {name!r:.60}; choose from {', '.join(faults.FAULTS)}"
-            )
+    chosen = [faults.named(name).name for name in names or faults.FAULTS]
     home = files.folder(out or Path("runs") / "lab" / time.strftime("faults-%Y%m%d-%H%M%S"))
-    chosen = list(names or faults.FAULTS)
-    rows = []
-    for number, name in enumerate(chosen, 1):
-        console.say(f"{number} of {len(chosen)}: {name}, {faults.FAULTS[name].what}")
-        rows.append(faults.fly(name, home / name, console.say))
-        files.write_text(
-            home / "faults.json", json.dumps([row._asdict() for row in rows], indent=2)
-        )
+    rows: list[faults.Row] = []
+
+    def keep(row: faults.Row) -> None:
+        rows.append(row)
+        found = [each._asdict() for each in rows]
+        files.write_text(home / "faults.json", json.dumps(files.plain(found), indent=2))
         files.write_text(home / "faults.md", report.markdown_table(*faults.table(rows)))
+        verdict = "as expected" if row.as_expected else row.problem
+        console.say(f"{len(rows)} of {len(chosen)}: {row.name}: {verdict}")
+
+    console.say(f"Flying {len(chosen)} faults, half a minute each; Ctrl-C keeps what was flown.")
+    # Ctrl-C must end the processes of the chain too, so it is no sudden end here.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        campaign.campaign(chosen, home, None, keep)
+    finally:
+        signal.signal(signal.SIGINT, before)
     if as_json:
-        print(json.dumps([row._asdict() for row in rows], indent=2))
+        print(json.dumps(files.plain([row._asdict() for row in rows]), indent=2))
     else:
         head, body = faults.table(rows)
         shown = Table(*head)
@@ -286,6 +289,8 @@ def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
             shown.add_row(*cells)
         console.print_table(shown)
     console.say(f"Everything is in {home}.")
+    if len(rows) < len(chosen):
+        return STOPPED
     return 0 if all(row.as_expected for row in rows) else 1
 
 
@@ -315,10 +320,7 @@ def _report(outcome: "Outcome | None", log: Path, as_json: bool) -> int:
         "blind": outcome.times.blind,
     }
     if outcome.steps:
-        import jax
-
-        trace, _ = flightlog.load(log)
-        result |= evaluate.row(jax.tree.map(lambda part: part[None], trace))
+        result |= evaluate.row(evaluate.stack([flightlog.load(log)[0]]))
     if as_json:
         print(json.dumps(result, indent=2))
     else:

@@ -43,7 +43,7 @@ class Memory(NamedTuple):
     decided: Float[np.ndarray, "*batch"]  # s: when a decision was last taken
     pad: Float[np.ndarray, "*batch dogs"]  # m: the altitude from which each took off
     hold: Float[np.ndarray, "*batch dogs"]  # m: the height at which each holds
-    told: Float[np.ndarray, "*batch sheep"]  # s: since when each rover is told to stand
+    told: Float[np.ndarray, "*batch sheep"]  # s: since when each rover moves that is to stand
 
 
 class Decided(NamedTuple):
@@ -255,9 +255,11 @@ def _sent(
             np.where(drives, twist.turn_rate, np.where(cut, 0.0, still.turn_rate)),
         )
     stands = (np.abs(twist.speed) < 0.02) & (np.abs(twist.turn_rate) < 0.1)
+    # Half of it, so that noise neither makes a rover run nor hides one that does.
+    rolls = np.hypot(*np.moveaxis(flown.sheep.velocity, -1, 0)) > 0.5 * limits.runaway
     memory = memory._replace(
         station=flown._replace(command=velocity, twist=twist),
-        told=np.where(stands, memory.told, now),
+        told=np.where(stands & rolls, memory.told, now),
     )
     return memory, Sent(shown, hover, Commands(velocity, tilt, twist), age, change)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from skydog.errors import Refusal
 from skydog.flight import altitude, profiles, station
 from skydog.lab import setup, topics, vicon
+from skydog.lab.lookout import TAKES_OFF
 from skydog.lab.preflight import USED
 from skydog.lab.site import Mission, Site, UAVSite, UGVSite
 from skydog.shepherds import scope, store
@@ -109,9 +110,7 @@ def _mission(site: Site, world: World) -> Iterator[Line]:
     yield Line(
         True,
         f"sheepdog {asked.sheepdog}, "
-        + (
-            f"which was taught {'; '.join(beyond)}" if beyond else "taught for this mission"
-        ),
+        + (f"which was taught {'; '.join(beyond)}" if beyond else "taught for this mission"),
         f"fly it in the twin first: skydog twin {asked.sheepdog} {flags}" if beyond else "",
     )
 
@@ -298,8 +297,8 @@ def _try(flies: bool) -> str:
 
 def _battery(asked: Mission, uav: UAVSite, world: World) -> Line:
     dt = float(world.arena.dt)
-    lasts, needed = 60.0 * uav.battery_minutes * USED, asked.steps * dt + SPARE
-    steps = floor((lasts - SPARE) / dt)
+    lasts, needed = 60.0 * uav.battery_minutes * USED, asked.steps * dt + TAKES_OFF
+    steps = floor((lasts - TAKES_OFF) / dt)
     ok = lasts >= needed
     return Line(
         ok,

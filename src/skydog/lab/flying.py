@@ -152,12 +152,11 @@ class BaseStation:
         """One tick: look, decide if it is time, step, send, and tell."""
         sighting = self._eyes.look(now)
         status = tuple(drone.status() for drone in self.wires.drones)
-        self._stop_file.look(now)
-        if self._gamepad is not None:
-            self._gamepad.look(now)
+        stopped = self._look_for_stops(now)
         before = self.memory.supervisor.mode[0]
         grounded = before in (Mode.DISARMED, Mode.READY)
-        self.look_out.look(now, sighting, status, grounded, self.policy.problem or "")
+        failing = self.policy.problem or ""
+        self.look_out.look(now, sighting, status, grounded, failing, stopped)
         if now - self._asked >= self._period - 0.2 * DT:
             self._ask(now)
         answer = self.policy.answer(PATIENCE) if self._waits else None
@@ -191,6 +190,15 @@ class BaseStation:
             self._show_due = now + SHOWS
             self._show(self._view(now, mode, sighting, sent, status, timing))
         return mode
+
+    def _look_for_stops(self, now: float) -> str:
+        """Let every way to stop be heard; says which of them forbids a take-off."""
+        self.wires.stop.look(now)
+        self._stop_file.look(now)
+        if self._gamepad is None:
+            return self._stop_file.problem
+        self._gamepad.look(now)
+        return self._stop_file.problem or self._gamepad.problem
 
     def _told(self, status: tuple[Status, ...], order: Order) -> Told:
         """What the supervisor is told besides poses and decisions."""

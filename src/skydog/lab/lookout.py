@@ -46,9 +46,18 @@ class Lookout:
         return [check for check in self.checks if not check.passes]
 
     def look(
-        self, now: float, sighting: Sighting, status: Sequence[Status], grounded: bool, policy: str
+        self,
+        now: float,
+        sighting: Sighting,
+        status: Sequence[Status],
+        grounded: bool,
+        policy: str,
+        stopped: str,
     ) -> None:
-        """Look at what is due. `policy` is what the shepherd complains of, if it does."""
+        """Look at what is due.
+
+        `policy` is what the shepherd complains of, `stopped` which stop is pulled; "" is none.
+        """
         for came, latest in zip(self._came, sighting.came, strict=True):
             if not came or came[-1] != latest:
                 came.append(latest)
@@ -67,6 +76,7 @@ class Lookout:
                 self.others,
                 policy,
                 now,
+                stopped,
             )
 
     def rates(self, now: float) -> tuple[float, ...]:

@@ -38,13 +38,13 @@ def checks(
     others: Mapping[str, Sequence[str]],
     self_test: str,
     now: float,
-    stops: Sequence[str] = (),
+    stopped: str = "",
 ) -> list[Check]:
     """All checks, those of bodies first. `seconds` is how long a mission can take.
 
     `rates` are the poses a second of each body, drones first; `others` who else commands a robot,
-    by its name; `self_test` is why the sheepdog fails its own, or ""; `stops` are what would
-    stop a flight at once: a stop file, a dead-man button that is let go.
+    by its name; `self_test` is why the sheepdog fails its own, or ""; `stopped` is what would
+    stop a flight at once, a stop file or a dead-man button that is let go, or "".
     """
     robots = [*site.uav, *site.ugv]
     names = [robot.name for robot in robots]
@@ -74,7 +74,7 @@ def checks(
         found += _drone(uav, said, seconds)
     found += [_alone(robot, others.get(robot.name, ())) for robot in robots]
     found.append(Check("self-test of the sheepdog", not self_test, self_test or "passes"))
-    found.append(Check("no stop is on", not stops, ", ".join(stops) or "none"))
+    found.append(Check("no stop is pulled", not stopped, stopped or "none"))
     return found
 
 

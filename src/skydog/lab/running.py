@@ -1,5 +1,7 @@
 """A flight of a site from beginning to end: connect, test, fly, let go."""
 
+import gc
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,8 +98,9 @@ def fly(
             )
             kept = FlightLog(log, site_text, made.card, flight)
         try:
-            wires = connect(site)
+            wires = connect(site, orders)
             try:
+                _make_way()
                 station = BaseStation(site, made, wires, policy, orders, kept, show, said, here)
                 return station.fly(over)
             finally:
@@ -107,6 +110,13 @@ def fly(
                 kept.close()
     finally:
         policy.close()
+
+
+def _make_way() -> None:
+    """Let nothing in this process keep the loop waiting: drawing threads, garbage of old."""
+    sys.setswitchinterval(0.0005)  # s for which a thread keeps the interpreter; 5 ms by default
+    gc.collect()
+    gc.freeze()  # what was imported is not searched for garbage in flight
 
 
 def as_json(value: Any) -> str:

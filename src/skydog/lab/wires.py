@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from skydog.lab.adapters import Drone, Rover, Source
+from skydog.lab.orders import Orders
 from skydog.lab.site import Site, UAVSite, UGVSite
+from skydog.lab.stop_topic import StopTopic
 
 
 class Wires(NamedTuple):
@@ -14,6 +16,7 @@ class Wires(NamedTuple):
     source: Source
     drones: tuple[Drone, ...]
     rovers: tuple[Rover, ...]
+    stop: StopTopic
     guarded: Callable[[str], bool | None]  # by topic: whether a guard is seen; None: cannot tell
     closes: tuple[Any, ...]
 
@@ -23,8 +26,11 @@ class Wires(NamedTuple):
             part.close()
 
 
-def connect(site: Site) -> Wires:
-    """Connect to a site. Raises `Refusal` for whatever does not answer."""
+def connect(site: Site, orders: Orders) -> Wires:
+    """Connect to a site, whose stop topic gives orders.
+
+    Raises `Refusal` for whatever does not answer.
+    """
     opened: list[Any] = []
     speaks = {robot.adapter for robot in (*site.uav, *site.ugv)}
     try:
@@ -39,6 +45,8 @@ def connect(site: Site) -> Wires:
 
             domain = Domain(site.dds)
             opened.append(domain)
+        stop = StopTopic(node, domain, orders)
+        opened.append(stop)
         source = _source(site, node, domain)
         opened.append(source)
         drones, rovers = [], []
@@ -53,7 +61,7 @@ def connect(site: Site) -> Wires:
             part.close()
         raise
     guarded = node.guarded if node is not None else lambda topic: None
-    return Wires(source, tuple(drones), tuple(rovers), guarded, tuple(opened))
+    return Wires(source, tuple(drones), tuple(rovers), stop, guarded, tuple(opened))
 
 
 def _source(site: Site, node: Any, domain: Any) -> Source:

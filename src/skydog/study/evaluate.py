@@ -1,5 +1,6 @@
 """Fly a shepherd through cases, and say how good it was."""
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from operator import index
 from typing import Any
@@ -107,6 +108,13 @@ def figures(measured: dict[str, np.ndarray]) -> dict[str, Any]:
         "cases": len(success),
         **{how.__name__: statistics.summary(measured[how.__name__]) for how in MEASURES},
     }
+
+
+def stack(missions: Sequence[Trace]) -> Trace:
+    """Missions of one world and one length as they are flown together: cases first."""
+    worlds = [mission.world for mission in missions]
+    parts = [replace(mission, world=None) for mission in missions]
+    return replace(jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts), world=worlds[0])
 
 
 def one_case(traces: Trace, case: int) -> Trace:

@@ -390,7 +390,8 @@ def judged(row: Row) -> Row:
         "a rover does not stand": row.stood is None,
         f"the first after {_seconds(row.after)}": not (row.after or 0.0) <= fault.within
         or (row.after is None and fault.within < inf),
-        f"the operator does not read {fault.heard!r}": not _heard(fault.heard, row.did),
+        f"the operator does not read {fault.heard!r}": bool(fault.heard)
+        and not _heard(fault.heard, row.did),
         f"memory grew by {row.grown:.0f} MB": not row.grown <= GROWS,
         f"on the ground after {_seconds(row.landed)}": killed and not (row.landed or 0) <= LATEST,
         f"rovers stand after {_seconds(row.stood)}": killed and not (row.stood or 0) <= STOPS,

@@ -23,6 +23,7 @@ from skydog.lab.flying import Outcome
 from skydog.lab.orders import Orders
 from skydog.lab.setup import Setup
 from skydog.lab.site import Mission, Site, UAVAdapter
+from skydog.study import evaluate
 from skydog.world.mission import MAX_STEPS, Shepherd, count
 from skydog.world.params import World
 from skydog.world.state import State
@@ -74,14 +75,15 @@ class Emulated:
         missions = len(starts.sheep)
         keys = jax.random.split(jax.random.key(0) if key is None else key, missions)
         flown = [
-            self._fly(world, shepherd, jax.tree.map(lambda leaf, i=i: leaf[i], starts), steps, one)
+            self.one(world, shepherd, jax.tree.map(lambda leaf, i=i: leaf[i], starts), steps, one)
             for i, one in enumerate(np.asarray(jax.random.key_data(keys)).tolist())
         ]
-        return jax.tree.map(lambda *parts: jnp.stack(parts), *flown)
+        return evaluate.stack(flown)
 
-    def _fly(
+    def one(
         self, world: World, shepherd: Shepherd, begin: State, steps: int, key: list[int]
     ) -> Trace:
+        """One mission, whose disturbances the words of a key draw; otherwise as `__call__`."""
         arena = world.arena
         size = float(arena.size)
         mission = Mission(
@@ -93,8 +95,8 @@ class Emulated:
         sheep = len(begin.sheep)
         site = a_site(mission, size, self.transport, self.adapter, self.profile, sheep)
         start = Start(
-            dogs=_pairs(begin.dogs),
-            sheep=_pairs(begin.sheep),
+            dogs=pairs(begin.dogs),
+            sheep=pairs(begin.sheep),
             size=size,
             goal=(float(arena.goal_x), float(arena.goal_y), float(arena.goal_radius)),
             disturb=self.disturb,
@@ -165,7 +167,8 @@ def base_station(site: Site, made: Setup, log: Path, wire: Connection) -> None:
         wire.send(("refused", str(refusal)))
 
 
-def _pairs(places: Any) -> tuple[tuple[float, float], ...]:
+def pairs(places: Any) -> tuple[tuple[float, float], ...]:
+    """Places in metres as plain numbers."""
     return tuple((float(x), float(y)) for x, y in np.asarray(places))
 
 

@@ -53,6 +53,7 @@ class Report(NamedTuple):
     sheep: tuple[tuple[float, float], ...]
     speeds: tuple[float, ...]  # m/s, of the rovers
     off: tuple[bool, ...]  # drones whose motors stand
+    climbs: tuple[float, ...]  # m/s that the drones' drivers ask for
     beyond: float  # m: the furthest that a drone was outside the hard fence so far; below 0 inside
     rover_beyond: float
     crashed: bool
@@ -146,6 +147,7 @@ class Room:
         ]
         self._judge(off)
         self.off = tuple(map(bool, off[0]))
+        self.climbs = tuple(0.0 if one is None else float(one.velocity[2]) for one in flown)
 
     def report(self, now: float, late: float) -> Report:
         """What is true now."""
@@ -157,6 +159,7 @@ class Room:
             tuple(tuple(at) for at in truth.sheep[0].tolist()),
             tuple(velocity.tolist()),
             self.off,
+            self.climbs,
             float(self.beyond),
             float(self.rover_beyond),
             self.crashed,
@@ -204,7 +207,8 @@ class Room:
         truth, cage = self.plant.truth(), self.site.cage
         spans = np.array([cage.x, cage.y, cage.z])
         out = np.maximum(spans[:, 0] - truth.dogs[0], truth.dogs[0] - spans[:, 1])
-        self.beyond = max(self.beyond, float(out[:, :2].max()), float(out[:, 2].max()))
+        above = truth.dogs[0, :, 2] - cage.z[1]  # the floor is near wherever a drone lands
+        self.beyond = max(self.beyond, float(out[:, :2].max()), float(above.max()))
         rover = np.maximum(spans[:2, 0] - truth.sheep[0], truth.sheep[0] - spans[:2, 1])
         self.rover_beyond = max(self.rover_beyond, float(rover.max()))
         low = truth.dogs[0, :, 2] < 0.15
