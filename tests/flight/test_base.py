@@ -1,5 +1,7 @@
 """The base station's step, whatever poses, decisions and orders it is given."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -102,7 +104,8 @@ def test_two_rovers_that_swap_their_names_stop_and_the_drone_lands():
 
 
 def test_a_policy_that_is_silent_or_has_no_number_holds():
-    for decided in (None, Decided(np.full((1, 1, 2), np.nan), np.zeros((1, 2, 2)))):
+    nothing: list[Any] = [None, Decided(np.full((1, 1, 2), np.nan), np.zeros((1, 2, 2)))]
+    for decided in nothing:
         flight = Flight()
         flight.fly(0.2)
         assert flight.fly(0.7, decided=decided) == Mode.HOLD
@@ -146,6 +149,7 @@ def test_a_take_off_climbs_to_its_height_and_only_then_the_mission_begins():
     assert flight.fly(0.2, Order.TAKE_OFF, decided=PUSHED) == Mode.TAKING_OFF
     assert flight.sent.commands.velocity[0, 0, 2] > 0.3
     np.testing.assert_array_equal(flight.sent.commands.twist.speed, 0.0)
+    mode = Mode.TAKING_OFF
     for height in np.arange(ON_PAD, UP + 0.01, 0.02):
         mode = flight.fly(0.03, frame=a_frame(dog=(2.0, 2.0, height)), decided=PUSHED)
     assert mode == Mode.MISSION
@@ -154,6 +158,7 @@ def test_a_take_off_climbs_to_its_height_and_only_then_the_mission_begins():
 def test_a_take_off_that_is_interrupted_low_holds_low_and_then_goes_on():
     flight = Flight(Mode.READY, dog=(2.0, 2.0, ON_PAD))
     flight.fly(0.1, Order.TAKE_OFF)
+    frame = flight.frame
     for height in np.arange(ON_PAD, 0.8, 0.01):
         flight.fly(0.02, frame=(frame := a_frame(dog=(2.0, 2.0, height))))
     unseen = frame._replace(sheep_seen=np.array([[False, True]]))
@@ -180,6 +185,7 @@ def test_a_landing_drone_flies_aside_from_a_rover_before_it_sinks():
 def test_a_rover_that_rolls_on_when_told_to_stand_lands_the_drone():
     flight = Flight()
     flight.fly(0.5, Order.HOLD)
+    mode = Mode.HOLD
     for tick in range(200):
         x = 4.0 + 0.3 * DT * tick
         mode = flight.fly(DT, frame=a_frame(sheep=((x, 4.0), (5.0, 4.0))))

@@ -132,16 +132,15 @@ class Rover:
 
 @contextmanager
 def station(monkeypatch, tmp_path, site, shepherd=None, log=None, patience=30.0, show=None):
-    """A base station and its room. While it waits for a decision, `patience` at most, time stands."""
+    """A base station, its room and orders. Time stands while it waits for a decision."""
     clock = Clock()
     monkeypatch.setattr(flying, "time", clock)
     monkeypatch.setattr(flying, "PATIENCE", patience)
     made = setup(site)
     made = made._replace(shepherd=shepherd or made.shepherd)
     room, orders = Room(site, clock), Orders()
-    wires = Wires(
-        room, (room.drone,), tuple(room.rovers), StopTopic(None, None, orders), lambda _: None, ()
-    )
+    stop = StopTopic(None, None, orders)
+    wires = Wires(room, (room.drone,), tuple(room.rovers), stop, lambda _: None, lambda _: (), ())
     policy = Policy(made.world, made.shepherd, len(site.ugv), len(site.uav))
     try:
         yield (

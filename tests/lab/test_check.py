@@ -141,10 +141,12 @@ def test_a_drone_whose_driver_keeps_the_last_twist_is_told_its_guard():
 
 
 def test_the_guard_understands_what_the_check_writes(monkeypatch):
+    options = None
     for robot in (*SITE.uav, *SITE.ugv, UGVSite("odd", stamped=True, speed=0.26, turn_rate=1.82)):
         monkeypatch.setattr("sys.argv", check.guard(robot).split()[1:])
         options = guard._options()
         assert options.source == options.out + "_in"
+    assert options is not None
     assert (options.stamped, options.max_speed, options.max_turn_rate) == (True, 0.26, 1.82)
 
 

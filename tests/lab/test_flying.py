@@ -10,7 +10,7 @@ from stations import PAD, When, a_small_site, mode, station
 
 from skydog.flight.station import DT
 from skydog.flight.supervisor import Mode, Order
-from skydog.lab import flightlog
+from skydog.lab import flightlog, flying
 from skydog.lab.flightlog import Flight, FlightLog
 from skydog.lab.running import Automatic
 from skydog.lab.setup import setup
@@ -22,6 +22,11 @@ def never(base):
 
 def in_mission(base):
     return mode(base) == Mode.MISSION and base.step >= 3
+
+
+def land_in_hold(base):
+    if mode(base) == Mode.HOLD:
+        base.orders.give(Order.LAND, "the test")
 
 
 @pytest.fixture
@@ -57,7 +62,6 @@ def test_a_mission_whose_sheep_are_home_is_accomplished(fly):
     assert outcome.how == "accomplished"
 
 
-@pytest.mark.xfail(reason="its set-point stands where it was seen first: `base._entered`")
 def test_a_drone_that_is_carried_before_it_takes_off_climbs_where_it_stands(fly):
     level = []
 
@@ -83,6 +87,7 @@ def test_the_log_of_a_flight_is_a_trace_of_its_mission(fly, tmp_path):
     trace, shepherd = flightlog.load(tmp_path / "flight")
     assert shepherd == "strombom"
     assert len(trace.time) == 11
+    assert trace.poses is not None
     assert float(trace.poses.altitude[-1, 0]) == pytest.approx(2.0, abs=0.2)
 
 
@@ -142,7 +147,7 @@ def test_bodies_that_stay_unseen_land_the_drone_and_call_the_operator(fly):
     assert outcome.times.blind < 0.55
 
 
-def test_a_shepherd_that_hangs_does_not_keep_the_loop_and_lands_it(fly):
+def test_a_shepherd_that_hangs_holds_everything_and_the_loop_goes_on(fly, monkeypatch):
     go_on, hangs = threading.Event(), threading.Event()
 
     def wait():
@@ -155,26 +160,39 @@ def test_a_shepherd_that_hangs_does_not_keep_the_loop_and_lands_it(fly):
 
     def hang(base, room, orders):
         hangs.set()
-        base.policy.answer = lambda patience: None  # however long a tick would wait
+        monkeypatch.setattr(flying, "PATIENCE", 0.0)  # of real time, of which none passes here
 
     try:
-        outcome, lines, _ = fly(in_mission, hang, shepherd=shepherd)
+        _, lines, _ = fly(in_mission, hang, watch=land_in_hold, shepherd=shepherd)
     finally:
         go_on.set()
     assert "mission → hold: policy silent" in lines
-    assert "hold → landing: hold too long" in lines
-    assert outcome.how == "stopped by the supervisor"
+    assert "hold → landing: operator: land" in lines
 
 
 def test_a_shepherd_that_decides_on_no_number_is_held(fly):
     def shepherd(world, state):
-        far = jnp.max(jnp.abs(state.dogs)) > 100.0  # never: what is compiled has to look
-        return jnp.where(far, state.dogs, jnp.nan)
+        return jnp.full_like(state.dogs, jnp.nan)
 
-    outcome, lines, room = fly(never, None, shepherd=shepherd)
+    _, lines, room = fly(never, None, watch=land_in_hold, shepherd=shepherd)
     assert "mission → hold: policy silent" in lines
-    assert outcome.how == "stopped by the supervisor"
     assert np.isfinite(room.uav).all()
+
+
+def test_a_shepherd_that_raises_is_told_of(fly):
+    fails = threading.Event()
+
+    def fail():
+        if fails.is_set():
+            raise ValueError("no way home")
+
+    def shepherd(world, state):
+        jax.debug.callback(fail)
+        return jnp.zeros_like(state.dogs)
+
+    _, lines, _ = fly(in_mission, lambda *_: fails.set(), watch=land_in_hold, shepherd=shepherd)
+    assert "no way home" in lines
+    assert "mission → hold: policy silent" in lines
 
 
 def test_space_holds_then_lands_then_cuts_the_motors(fly):
@@ -209,8 +227,8 @@ def test_a_rover_that_is_stuck_is_named_once(fly):
     def herd(world, state):
         return jnp.array([[0.3, -0.2]])
 
-    _, lines, _ = fly(in_mission, jam, site=a_small_site(steps=70), shepherd=herd)
-    assert lines.count("ugv1 is told to drive and does not move") == 1
+    _, lines, _ = fly(in_mission, jam, site=a_small_site(steps=38), shepherd=herd)
+    assert lines.count("ugv1 is told to drive and stands") == 1
 
 
 def test_a_view_comes_ten_times_a_second(fly):

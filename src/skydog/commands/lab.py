@@ -245,7 +245,7 @@ def _check(path: Path, as_json: bool) -> int:
             mark = "[green]ok[/]   " if line.ok else "[red]write[/]"
             screen.print(mark, end=" ")
             screen.print(line.what, highlight=False, markup=False)
-            if not line.ok and line.write:
+            if line.write:
                 screen.print(f"      {line.write}", highlight=False, markup=False, soft_wrap=True)
     return 0 if all(line.ok for line in lines) else 2
 

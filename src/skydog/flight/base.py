@@ -201,8 +201,11 @@ def _entered(
     climbing = (change.before == Mode.TAKING_OFF)[..., None]
     held = np.where(climbing, np.minimum(base.height, here[..., 2]), base.height)
     stood = station.stand(base.station, memory.station)
+    # Who takes off may have been carried since it was seen first: its loops begin anew.
+    level = np.zeros_like(stood.lag)
+    begun = stood._replace(lag=level, trim=level, command=np.zeros_like(stood.command))
     return memory._replace(
-        station=_where(stops, stood, memory.station) if stops.any() else memory.station,
+        station=_where(takes_off[..., 0], begun, _where(stops, stood, memory.station)),
         decided=np.where(begins, now, memory.decided),
         pad=np.where(takes_off, believed.dogs[..., 2], memory.pad),
         hold=np.where(stops[..., None], held, memory.hold),

@@ -14,9 +14,6 @@ from skydog.lab.site import Mission, Site, UAVSite, UGVSite
 from skydog.shepherds import scope, store
 from skydog.world.params import World
 
-SPARE = (
-    30.0  # s of a flight besides its mission: take-off and landing; as the pre-flight gate has it
-)
 OPEN = "keep that network to the laboratory: who is in it can send too"
 SPEAKS_ROS1, RADIO = {"ros1", "tum-simulator", "ardrone-autonomy"}, {"crazyflie", "mavlink"}
 LOOPBACK = ("127.", "localhost", "::1", "[::1]")
@@ -64,8 +61,8 @@ def lines(site: Site) -> list[Line]:
 def guard(robot: UAVSite | UGVSite) -> str:
     """The command that runs on a robot, so that it stops when the base station falls silent."""
     heard = topics.commands(robot)
-    out = heard.removesuffix("_in")
-    words = ["python3", "guard.py", "--in", f"{out}_in", "--out", out]
+    out = topics.behind_guard(heard)
+    words = ["python3", "guard.py", "--in", out + topics.GUARDED, "--out", out]
     if isinstance(robot, UAVSite):
         words += ["--land", f"{out.rpartition('/')[0]}/ardrone/land"]
         if robot.adapter == "tum-simulator":
@@ -267,16 +264,16 @@ def _stops(site: Site, robot: UAVSite | UGVSite) -> Line:
             f"{_own_stop(robot)}; then, for {name}: stops_by_itself = true, guard = false",
         )
     heard = topics.commands(robot)
-    if robot.guard and heard.endswith("_in"):
-        return Line(True, f"{name} is guarded", f"on the robot: {guard(robot)}")
+    if robot.guard and heard.endswith(topics.GUARDED):
+        return Line(True, f"{name} is guarded, if this runs on it: {guard(robot)}")
     if robot.stops_by_itself and not robot.guard:
         return Line(True, f"{name} stops by itself when commands cease", _try(flies))
     why = "its guard is not between" if robot.guard else "it may obey the last command for ever"
     return Line(
         False,
         f"{name}: {why}",
-        f'for {name}: guard = true, topic = "{heard.removesuffix("_in")}_in"; on the robot: '
-        f"{guard(robot)}",
+        f'for {name}: guard = true, topic = "{topics.behind_guard(heard)}{topics.GUARDED}"; on the '
+        f"robot: {guard(robot)}",
     )
 
 

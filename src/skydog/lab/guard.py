@@ -2,12 +2,13 @@
 """The guard that runs on a robot: when its base station falls silent, the robot stops.
 
 Some robots obey the last Twist until the next one comes, for ever. The guard stands between: it
-passes Twists on within limits, and after half a second without any it says 20 times a second that
-the robot is to stand still. A drone is then landed. It needs rospy and Python 3.8, nothing else:
+passes Twists on within limits, and after a quarter of a second without any it says 20 times a
+second that the robot is to stand still. A drone is landed after another quarter. It needs rospy and
+Python 3.8, nothing else:
 
     scp guard.py robot: && ssh robot python3 guard.py --in /ugv1/cmd_vel_in --out /ugv1/cmd_vel
 
-On the graph it is called /guard_ and its topic, so that the base station can see that it is there.
+On the graph it is called `/guard_` and its topic, so that the base station can see it.
 """
 
 from __future__ import annotations
@@ -129,12 +130,12 @@ def _options():
     parser.add_argument("--in", dest="source", required=True, help="topic that the base publishes")
     parser.add_argument("--out", required=True, help="topic that the robot obeys")
     parser.add_argument("--from", dest="base", default="/skydog", help="the node that may command")
-    parser.add_argument("--timeout", type=_positive, default=0.5, help="s of silence")
+    parser.add_argument("--timeout", type=_positive, default=0.25, help="s of silence")
     parser.add_argument("--max-speed", type=_positive, default=1.0, help="of each axis: m/s")
     parser.add_argument("--max-turn-rate", type=_positive, default=3.2, help="rad/s")
     parser.add_argument("--stamped", action="store_true", help="TwistStamped instead of Twist")
     parser.add_argument("--land", default="", help="topic of the order to land: /ardrone/land")
-    parser.add_argument("--land-after", type=_positive, default=2.0, help="s of standing still")
+    parser.add_argument("--land-after", type=_positive, default=0.25, help="s of standing still")
     return parser.parse_args()
 
 

@@ -7,6 +7,7 @@ from math import inf
 import numpy as np
 
 from skydog.flight.base import Memory
+from skydog.flight.station import DT
 from skydog.lab.adapters import Status
 from skydog.lab.eyes import Sighting
 from skydog.lab.preflight import Check, checks
@@ -16,8 +17,8 @@ from skydog.lab.wires import Wires
 
 GATE = 0.2  # s between looks at the pre-flight gate
 OTHERS = 1.0  # s between looks for second publishers
-STUCK = 3.0  # s for which a rover is told to drive and does not, before the operator hears of it
-DRIVES, STANDS = 0.05, 0.01  # m/s as commanded, and as seen
+# A rover is stuck that is told to drive so far in all, and is still within so much of where it was.
+TOLD, STANDS = 0.5, 0.05  # m; ours
 TAKES_OFF = 30.0  # s of battery for take-off and landing
 
 
@@ -31,8 +32,8 @@ class Lookout:
         self._names = [robot.name for robot in (*site.uav, *site.ugv)]
         self._came: list[deque[float]] = [deque(maxlen=1000) for _ in self._names]
         self._gate_due = self._others_due = -inf
-        self._drove = [inf] * len(site.ugv)  # s: when each was last told to stand, or moved
-        self._told: set[str] = set()
+        self._where = np.full((len(site.ugv), 2), np.nan)  # m: where each was when it last moved
+        self._told = np.zeros(len(site.ugv))  # m that each was told to drive since
         self._seconds = site.mission.steps * float(made.world.arena.dt) + TAKES_OFF
 
     @property
@@ -78,26 +79,33 @@ class Lookout:
                 now,
                 stopped,
             )
+            self.checks += [
+                Check(f"guard of {robot.name}", bool(there), "runs" if there else "is not seen")
+                for robot in (*self._site.uav, *self._site.ugv)
+                if robot.guard and (there := self._wires.guarded(robot)) is not None
+            ]
 
     def rates(self, now: float) -> tuple[float, ...]:
         """The poses of each body in the last second, drones first."""
         return tuple(float(sum(now - at <= 1.0 for at in came)) for came in self._came)
 
     def stuck(self, memory: Memory) -> None:
-        """Say which rover is told to drive and does not move."""
-        told, moves = memory.station.twist, memory.station.sheep.velocity[0]
-        for number, name in enumerate(self._names[len(self._site.uav) :]):
-            idle = abs(told.speed[0, number]) < DRIVES or np.hypot(*moves[number]) > STANDS
-            if idle:
-                self._drove[number] = memory.now
-                self._told.discard(name)
-            elif memory.now - self._drove[number] > STUCK and name not in self._told:
-                self._told.add(name)
-                self._say(f"{name} is told to drive and does not move")
+        """Say which rover is told to drive and does not move: once, until it moves again."""
+        here = memory.station.sheep.position[0]
+        with np.errstate(invalid="ignore"):
+            stands = np.hypot(*(here - self._where).T) <= STANDS
+        self._where = np.where(stands[:, None], self._where, here)
+        before = self._told
+        self._told = np.where(stands, before + DT * np.abs(memory.station.twist.speed[0]), 0.0)
+        for number in np.flatnonzero((before <= TOLD) & (self._told > TOLD)):
+            self._say(f"{self._names[len(self._site.uav) + number]} is told to drive and stands")
 
     def _look_for_others(self) -> None:
         wires = (*self._wires.drones, *self._wires.rovers)
         found = {name: wire.others() for name, wire in zip(self._names, wires, strict=True)}
+        for robot in (*self._site.uav, *self._site.ugv):
+            if robot.guard:
+                found[robot.name] += self._wires.behind(robot)
         for name, who in found.items():
             if who and who != self.others.get(name, ()):
                 self._say(f"{', '.join(who)} commands {name} too")

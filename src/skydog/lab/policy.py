@@ -60,6 +60,7 @@ class Policy:
         self._decide = jax.jit(lambda *seen: _decide(world, shepherd, *seen))
         self._asked: Seen | None = None
         self._answered: Answer | None = None
+        self._lock = threading.Lock()  # so that no older answer passes for the newest
         self._wake, self._done = threading.Event(), threading.Event()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name="policy", daemon=True)
@@ -81,9 +82,10 @@ class Policy:
 
     def ask(self, seen: Seen) -> None:
         """Let it decide. Returns at once."""
-        self._answered = None
-        self._done.clear()
-        self._asked = seen
+        with self._lock:
+            self._answered = None
+            self._done.clear()
+            self._asked = seen
         self._wake.set()
 
     def answer(self, patience: float) -> Answer | None:
@@ -110,12 +112,13 @@ class Policy:
             try:
                 answer = self._answer(seen, began)
             except Exception as problem:  # whatever a shepherd of one's own may raise
-                self.problem = f"{type(problem).__name__}: {problem!s:.160}"
+                self.problem = f"{type(problem).__name__}: {_in_a_line(problem)}"
                 self._done.set()
                 continue
-            if self._asked is seen:
-                self._answered = answer
-                self._done.set()
+            with self._lock:
+                if self._asked is seen:
+                    self._answered = answer
+                    self._done.set()
 
     def _answer(self, seen: Seen, began: float) -> Answer:
         found = np.asarray(
@@ -141,6 +144,12 @@ class Policy:
             bool(found[-1] > 0.5),
             time.monotonic() - began,
         )
+
+
+def _in_a_line(problem: Exception) -> str:
+    """What is wrong: the first line, and the last if there are more, where a traceback has it."""
+    lines = str(problem).strip().splitlines() or [""]
+    return " … ".join(f"{line.strip():.160}" for line in dict.fromkeys((lines[0], lines[-1])))
 
 
 def _decide(

@@ -214,7 +214,7 @@ class ViconSource:
 
 def vicon_topic(mocap: Mocap, name: str) -> str:
     """The topic of a body."""
-    return (mocap.topic or "vicon/{name}/{name}").replace("{name}", name)
+    return (mocap.topic or "vicon/NAME/NAME").replace("NAME", name)
 
 
 @cache

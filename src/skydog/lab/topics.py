@@ -7,6 +7,9 @@ from skydog.lab.site import Site, UAVSite, UGVSite
 TWIST, STAMPED, EMPTY = "geometry_msgs/Twist", "geometry_msgs/TwistStamped", "std_msgs/Empty"
 
 
+GUARDED = "_in"  # with which the topic ends that a guard passes on
+
+
 class Topic(NamedTuple):
     """A topic and its type, as ROS 1 writes it: package/Name."""
 
@@ -20,9 +23,9 @@ def of_tracker(site: Site) -> list[Topic]:
     pattern = site.mocap.topic
     names = [robot.name for robot in (*site.uav, *site.ugv)]
     if site.mocap.source == "ros1":
-        pattern = "/" + (pattern or "vicon/{name}/{name}").lstrip("/")
+        pattern = "/" + (pattern or "vicon/NAME/NAME").lstrip("/")
         kind = "geometry_msgs/TransformStamped"
-        return [Topic(pattern.replace("{name}", name), kind, False) for name in names]
+        return [Topic(pattern.replace("NAME", name), kind, False) for name in names]
     if site.mocap.source == "ros2":
         if "NAME" in pattern:
             kind = "geometry_msgs/PoseStamped"
@@ -40,6 +43,11 @@ def commands(robot: UAVSite | UGVSite) -> str:
         if robot.adapter == "crazyswarm2":
             return robot.topic or f"/{robot.name}"
     return robot.topic or f"/{robot.name}/cmd_vel"
+
+
+def behind_guard(topic: str) -> str:
+    """The topic that a guard publishes and its robot obeys."""
+    return topic.removesuffix(GUARDED)
 
 
 def of_robot(robot: UAVSite | UGVSite) -> list[Topic]:

@@ -8,6 +8,9 @@ from skydog.lab.adapters import Drone, Rover, Source
 from skydog.lab.orders import Orders
 from skydog.lab.site import Site, UAVSite, UGVSite
 from skydog.lab.stop_topic import StopTopic
+from skydog.lab.topics import behind_guard, commands
+
+Robot = UAVSite | UGVSite
 
 
 class Wires(NamedTuple):
@@ -17,7 +20,8 @@ class Wires(NamedTuple):
     drones: tuple[Drone, ...]
     rovers: tuple[Rover, ...]
     stop: StopTopic
-    guarded: Callable[[str], bool | None]  # by topic: whether a guard is seen; None: cannot tell
+    guarded: Callable[[Robot], bool | None]  # whether its guard is seen; None: cannot tell
+    behind: Callable[[Robot], tuple[str, ...]]  # who else commands it, past its guard
     closes: tuple[Any, ...]
 
     def close(self) -> None:
@@ -60,8 +64,17 @@ def connect(site: Site, orders: Orders) -> Wires:
         for part in reversed(opened):
             part.close()
         raise
-    guarded = node.guarded if node is not None else lambda topic: None
-    return Wires(source, tuple(drones), tuple(rovers), stop, guarded, tuple(opened))
+
+    def guarded(robot: Robot) -> bool | None:
+        return None if node is None else node.guarded(commands(robot))
+
+    def behind(robot: Robot) -> tuple[str, ...]:
+        if node is None:
+            return ()
+        found = node.others(behind_guard(commands(robot)))
+        return tuple(name for name in found if not name.startswith("/guard_"))
+
+    return Wires(source, tuple(drones), tuple(rovers), stop, guarded, behind, tuple(opened))
 
 
 def _source(site: Site, node: Any, domain: Any) -> Source:

@@ -27,8 +27,8 @@ from skydog.lab.site import Mission, Site
 
 BEGINS = 3.0  # s into the mission
 PATIENCE = 60.0  # s for a flight to take off, to land, or to end
-DESCENDS = -0.25  # m/s of climb that an AR.Drone's driver asks for when it lands: -0.3
 SAMPLE = 0.01  # s
+TELLS = 0.1  # s
 MOST = 8  # lines of what the base station said
 ARENA = 6.0  # m
 SHEEP = ((3.3, 4.5), (3.6, 4.0), (4.5, 2.1))
@@ -184,12 +184,13 @@ class _Flight:
         self._before = self.began = self._ordered = inf  # s
         self._ends = inf
         self._reports: list[Report] = []
-        self._flood: packets.Flood | None = None
+        self._intruder: "subprocess.Popen[str] | None" = None
         self._problem = ""
 
     def begin(self) -> None:
         """Let it go wrong."""
-        self.base.tell("measure")
+        if not self.fault.first:
+            self.base.tell("measure")
         self._before = time.monotonic()
         for cause in self.fault.causes:
             self._set(cause)
@@ -254,7 +255,9 @@ class _Flight:
             first = modes[:1] or [one for one in lines if fault.heard and fault.heard in one.value]
             after = first[0].t - self.began if first else None
             came = outcome(Mode(one.value) for one in modes)
-        blind = told.get("over", 0.0) if not self._killed else by_guard or inf
+        blind = max(
+            told.get("over", inf if self._killed and by_guard is None else 0.0), by_guard or 0.0
+        )
         problem = self._problem or told.get("refused", "")
         if not (self._killed or fault.first or "over" in told):
             problem = problem or "the base station has died"
@@ -302,12 +305,11 @@ class _Flight:
     def _guarded(self) -> float | None:
         """Seconds until a drone was landed that its base station does not land."""
         by_base = [one.t for one in self.base.of("mode") if one.value == Mode.LANDING]
-        for one in self._since():
-            if by_base and by_base[0] <= one.t:
-                return None
-            if min(one.climbs) <= DESCENDS and not self.fault.first:
-                return one.t - self.began
-        return None
+        sinks = min((min(one.sinks) for one in self._since()), default=inf)
+        # A base station tells of its mode just after its drone was told.
+        if sinks == inf or self.fault.first or (by_base and by_base[0] <= sinks + TELLS):
+            return None
+        return sinks - self.began
 
     def _readable(self) -> bool:
         """Whether the log of the flight can be read; of one that was killed, once it is whole."""
@@ -339,10 +341,10 @@ class _Flight:
         elif cause.where == "file":
             (self.folder / cause.what).touch()
         elif cause.where == "topic":
-            self._held.enter_context(_intruder(self.chain.site.ros1.master, cause.what))
+            self._intruder = _intruder(self.chain.site.ros1.master, cause.what)
+            self._held.callback(_end, self._intruder)
         elif cause.where == "network":
-            self._flood = packets.Flood(self.chain.site, cause.value)
-            self._held.enter_context(self._flood)
+            self._held.enter_context(packets.Flood(self.chain.site, cause.value))
 
     def _unset(self, cause: Cause) -> None:
         usual = {"tracker": Faults(), "robots": Wrong()}
@@ -353,10 +355,12 @@ class _Flight:
             _signal(self.base.process.pid, signal.SIGCONT)
         elif cause.where == "base station":
             self.base.tell(cause.what, None)
+        elif cause.where == "topic" and self._intruder is not None:
+            _end(self._intruder)
 
 
-@contextlib.contextmanager
-def _intruder(master: str, topic: str):
+def _intruder(master: str, topic: str) -> "subprocess.Popen[str]":
+    """Another node that drives the robot of a topic, from now on."""
     process = subprocess.Popen(
         [sys.executable, "-W", "ignore", "-c", INTRUDER, topic],
         env={**os.environ, "ROS_MASTER_URI": master, "ROS_IP": "127.0.0.1"},
@@ -368,10 +372,12 @@ def _intruder(master: str, topic: str):
     )
     assert process.stdout is not None
     process.stdout.readline()
-    try:
-        yield
-    finally:
-        process.kill()
+    return process
+
+
+def _end(process: "subprocess.Popen[str]") -> None:
+    process.kill()
+    with contextlib.suppress(ValueError):  # it was ended before
         process.communicate()
 
 

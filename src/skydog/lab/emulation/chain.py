@@ -3,19 +3,18 @@
 import contextlib
 import multiprocessing
 import os
+import shlex
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, get_args
 
 from skydog.errors import Refusal
-from skydog.flight import profiles
-from skydog.lab import guard
+from skydog.lab import check, guard
 from skydog.lab.emulation.room import Report, Start, run
 from skydog.lab.site import (
     DDS,
@@ -34,6 +33,14 @@ Transport = Literal["ros1", "dds"]
 PATIENCE = 60.0  # s that a room may take to start
 BEYOND = 0.7  # m around the arena where the cage hangs: the airspace, and room to stop; ours
 CEILING = 3.0  # m
+
+GUARD = """
+import os, runpy, sys, threading
+threading.Thread(target=lambda: (sys.stdin.read(), os._exit(0)), daemon=True).start()
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+"""A robot's guard: that of an emulated robot lives no longer than who emulates it."""
 
 PROFILES: dict[str, str] = {
     "tum-simulator": "tum-simulator",
@@ -126,6 +133,8 @@ class Chain:
                 self._room.join()
         for process in self._guards.values():
             process.terminate()
+            assert process.stdin is not None
+            process.stdin.close()
         for process in self._guards.values():
             try:
                 process.wait(3.0)
@@ -177,23 +186,15 @@ class Chain:
         threading.Thread(target=self._listen, name="room", daemon=True).start()
 
     def _guard(self, robot: UAVSite | UGVSite) -> "subprocess.Popen[bytes]":
-        flies = isinstance(robot, UAVSite)
-        source = robot.topic or f"/{robot.name}/cmd_vel_in"
-        options = ["--in", source, "--out", source.removesuffix("_in")]
-        if flies:
-            options += ["--land", f"{source.rpartition('/')[0]}/ardrone/land"]
-            most = profiles.uav(robot.profile).velocity.largest
-        else:
-            most = profiles.rover(robot.profile).motion.largest_speed
-        options += ["--max-speed", str(max(most, 1.0))]
+        options = shlex.split(check.guard(robot))[2:]
         env = {**os.environ, "ROS_MASTER_URI": self.site.ros1.master, "ROS_IP": "127.0.0.1"}
         return subprocess.Popen(
-            [sys.executable, "-W", "ignore", str(Path(guard.__file__)), *options],
+            [sys.executable, "-W", "ignore", "-c", GUARD, guard.__file__, *options],
             env=env,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,
+            start_new_session=True,  # Ctrl-C is for whoever started it
         )
 
     def _speaks_ros1(self) -> bool:

@@ -7,6 +7,7 @@ from skydog.lab.adapters import Quaternion, Vector
 from skydog.lab.emulation.room import Room
 from skydog.lab.emulation.tracker import Tracker
 from skydog.lab.site import UAVSite, UGVSite
+from skydog.lab.topics import behind_guard
 
 
 class Shows(Protocol):
@@ -15,11 +16,6 @@ class Shows(Protocol):
     def show(self, bodies: Mapping[str, tuple[Vector, Quaternion]]) -> None:
         """Show a frame."""
         ...
-
-
-def guarded_topic(topic: str) -> str:
-    """The topic that a guard passes on to its robot."""
-    return topic.removesuffix("_in")
 
 
 def connect(room: Room) -> Shows:
@@ -56,7 +52,7 @@ def _drone(uav: UAVSite, node: Any, domain: Any) -> Any:
             if uav.adapter == "tum-simulator"
             else ros1.ArdroneAutonomyDriver
         )
-        return kind(node, guarded_topic(uav.topic or "/cmd_vel"))
+        return kind(node, behind_guard(uav.topic or "/cmd_vel"))
     if uav.adapter == "twist-dds":
         from skydog.lab.emulation.dds import DDSDrone
 
@@ -78,7 +74,7 @@ def _rover(ugv: UGVSite, node: Any, domain: Any, latches: bool) -> Any:
     if ugv.adapter == "ros1":
         from skydog.lab.emulation.ros1 import RoverROS1
 
-        topic = guarded_topic(ugv.topic or f"/{ugv.name}/cmd_vel")
+        topic = behind_guard(ugv.topic or f"/{ugv.name}/cmd_vel")
         return RoverROS1(node, topic, ugv.stamped, latches)
     from skydog.lab.emulation.dds import DDSRover
 

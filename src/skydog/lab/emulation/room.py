@@ -29,6 +29,7 @@ ANSWERS = 0.5 * DT  # s after a frame until which commands that answer it count 
 REPORT = 0.1  # s
 HARD = 2.5  # m/s at which a drone that comes to the floor has crashed: a fall from 0.3 m
 DRIVEN = 0.05  # m/s: a rover that is faster moves
+SINKS = -0.25  # m/s of climb that the driver of a landing drone asks for, or less
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Report(NamedTuple):
     sheep: tuple[tuple[float, float], ...]
     speeds: tuple[float, ...]  # m/s, of the rovers
     off: tuple[bool, ...]  # drones whose motors stand
-    climbs: tuple[float, ...]  # m/s that the drones' drivers ask for
+    sinks: tuple[float, ...]  # s, monotonic: since when each drone's driver lands it; inf: not
     beyond: float  # m: the furthest that a drone was outside the hard fence so far; below 0 inside
     rover_beyond: float
     crashed: bool
@@ -97,6 +98,7 @@ class Room:
         self.beyond = self.rover_beyond = -np.inf
         self.crashed = False
         self._flown = [0.0] * dogs  # s
+        self.sinks = (np.inf,) * dogs
         self._drawn: list[Any] = []
 
     def look(self) -> dict[str, tuple[Vector, Quaternion]]:
@@ -147,7 +149,10 @@ class Room:
         ]
         self._judge(off)
         self.off = tuple(map(bool, off[0]))
-        self.climbs = tuple(0.0 if one is None else float(one.velocity[2]) for one in flown)
+        self.sinks = tuple(
+            min(since, now) if one is not None and one.velocity[2] <= SINKS else np.inf
+            for since, one in zip(self.sinks, flown, strict=True)
+        )
 
     def report(self, now: float, late: float) -> Report:
         """What is true now."""
@@ -159,7 +164,7 @@ class Room:
             tuple(tuple(at) for at in truth.sheep[0].tolist()),
             tuple(velocity.tolist()),
             self.off,
-            self.climbs,
+            self.sinks,
             float(self.beyond),
             float(self.rover_beyond),
             self.crashed,

@@ -97,8 +97,8 @@ class Sabotage:
         return broken
 
     def _break(self, moves: Any) -> np.ndarray:
-        while self._policy == "hangs":
-            time.sleep(0.05)
+        if self._policy == "hangs":
+            threading.Event().wait()
         decided = np.array(moves)
         return np.full_like(decided, np.nan) if self._policy == "nan" else decided
 

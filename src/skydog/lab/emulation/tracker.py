@@ -70,10 +70,9 @@ class Tracker:
             for name, pose in bodies.items()
             if name not in self.faults.frozen or name not in self._shown
         }
-        shown = {name: self._shown[name] for name in bodies}
         first, second = self.faults.swapped or ("", "")
-        if first in shown and second in shown:
-            shown[first], shown[second] = shown[second], shown[first]
+        called = {first: second, second: first}  # whether or not both are there
+        shown = {called.get(name, name): self._shown[name] for name in bodies}
         shown |= dict.fromkeys(self.faults.zeroed & shown.keys(), NOWHERE)
         shown |= dict.fromkeys(self.faults.nan & shown.keys(), NOTHING)
         for name in self.faults.hidden:
