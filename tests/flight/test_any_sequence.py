@@ -24,12 +24,20 @@ class Sequences:
         self.rng = np.random.default_rng(seed)
         self.uav = profiles.uav(profile)
         limits = Limits(
-            CAGE, CAGE, (-0.5, 3.0), silence=0.4, longest_hold=1.0, longest_take_off=0.5
+            CAGE,
+            CAGE,
+            (-0.5, 3.0),
+            silence=0.4,
+            longest_hold=0.2,
+            longest_take_off=0.2,
+            runs_for=0.02,
         )
         station = Station(self.uav, ROVER, "reference", None, 0.1, np.asarray(0.5), 4.0)
         self.base = Base(station, limits, AIRSPACE, ARENA, np.full((AT_ONCE, 1), 2.0))
         self.at = self.rng.uniform((0.0, 0.0, 0.0), (6.0, 6.0, 2.5), (AT_ONCE, 1, 3))
         self.sheep = self.rng.uniform(0.0, 6.0, (AT_ONCE, 1, 2))
+        # Some rovers roll on, whatever they are told.
+        self.drift = self.rng.normal(0.0, 0.02, (AT_ONCE, 1, 2))
         self.lost = np.zeros(AT_ONCE, bool)
         self.now = 0.0
         self.memory = base.start(self.base, self.frame(), 0.0)
@@ -44,7 +52,7 @@ class Sequences:
     def frame(self):
         """Poses near to where the bodies were, or not at all, or far away, or no numbers."""
         self.at = self.at + self.rng.normal(0.0, 0.005, self.at.shape)
-        self.sheep = self.sheep + self.rng.normal(0.0, 0.005, self.sheep.shape)
+        self.sheep = self.sheep + self.drift + self.rng.normal(0.0, 0.005, self.sheep.shape)
         self.lost = np.where(self.chance(0.2), ~self.lost, self.lost)
         dogs, sheep = self.at.copy(), self.sheep.copy()
         jumps = self.chance(0.05)

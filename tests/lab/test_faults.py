@@ -8,7 +8,8 @@ from skydog.errors import Refusal
 from skydog.flight.limits import Limits
 from skydog.flight.supervisor import Mode
 from skydog.lab.emulation import faults
-from skydog.lab.emulation.faults import FAULTS, GUARD, Row, judged, outcome
+from skydog.lab.emulation.faults import FAULTS, GUARD
+from skydog.lab.emulation.verdict import Row, judged, outcome, table
 
 GOOD = Row(
     name="silent-1",
@@ -20,6 +21,7 @@ GOOD = Row(
     excursion=-0.6,
     blind=0.5,
     landed=8.0,
+    landing=7.5,
     stood=0.5,
     crashed=False,
     readable=True,
@@ -90,6 +92,7 @@ def test_a_row_in_which_all_is_well_is_as_expected():
         ({"crashed": True}, "crashed"),
         ({"readable": False}, "log cannot be read"),
         ({"landed": None}, "does not stand on the ground"),
+        ({"landing": 20.0}, "the landing took 20.00 s"),
         ({"stood": None}, "a rover does not stand"),
         ({"grown": 100.0}, "memory grew by 100 MB"),
         ({"problem": "the base station has died"}, "the base station has died"),
@@ -104,7 +107,7 @@ def test_a_row_in_which_something_is_wrong_is_not_as_expected(wrong, why):
 
 
 def test_the_table_of_rows_says_what_was_expected_and_what_came():
-    head, (line,) = faults.table([judged(GOOD._replace(excursion=0.1))])
+    head, (line,) = table([judged(GOOD._replace(excursion=0.1))])
     assert len(head) == len(line)
     assert "+0.10 m beyond the fence" in " ".join(line).replace("0.10 m beyond", "+0.10 m beyond")
     assert json.loads(json.dumps(GOOD._asdict()))["did"] == list(GOOD.did)

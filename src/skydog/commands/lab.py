@@ -258,18 +258,18 @@ def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
 
     from skydog import files
     from skydog.commands import console
-    from skydog.lab.emulation import campaign, faults
+    from skydog.lab.emulation import campaign, faults, verdict
     from skydog.study import report
 
     chosen = [faults.named(name).name for name in names or faults.FAULTS]
     home = files.folder(out or Path("runs") / "lab" / time.strftime("faults-%Y%m%d-%H%M%S"))
-    rows: list[faults.Row] = []
+    rows: list[verdict.Row] = []
 
-    def keep(row: faults.Row) -> None:
+    def keep(row: verdict.Row) -> None:
         rows.append(row)
         found = [each._asdict() for each in rows]
         files.write_text(home / "faults.json", json.dumps(files.plain(found), indent=2))
-        files.write_text(home / "faults.md", report.markdown_table(*faults.table(rows)))
+        files.write_text(home / "faults.md", report.markdown_table(*verdict.table(rows)))
         verdict = "as expected" if row.as_expected else row.problem
         console.say(f"{len(rows)} of {len(chosen)}: {row.name}: {verdict}")
 
@@ -283,7 +283,7 @@ def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
     if as_json:
         print(json.dumps(files.plain([row._asdict() for row in rows]), indent=2))
     else:
-        head, body = faults.table(rows)
+        head, body = verdict.table(rows)
         shown = Table(*head)
         for cells in body:
             shown.add_row(*cells)

@@ -1,28 +1,27 @@
 """The fault campaign: each fault of the table flown through the whole chain, in real time."""
 
 import contextlib
-import multiprocessing
 import os
 import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from skydog.errors import Refusal
 from skydog.flight.supervisor import Mode
 from skydog.lab import bag, flightlog
-from skydog.lab.emulation import packets, sabotage
+from skydog.lab.emulation import packets
 from skydog.lab.emulation.chain import Chain, a_site
-from skydog.lab.emulation.faults import GUARD, REFUSED, Cause, Fault, Row, judged, named, outcome
+from skydog.lab.emulation.faults import GUARD, REFUSED, Cause, Fault, named
 from skydog.lab.emulation.room import DRIVEN, Report, Start, Wrong
+from skydog.lab.emulation.sabotage import Breakable
 from skydog.lab.emulation.tracker import Faults
+from skydog.lab.emulation.verdict import Row, judged, outcome
 from skydog.lab.site import Mission, Site
 
 BEGINS = 3.0  # s into the mission
@@ -63,9 +62,12 @@ def campaign(
     for name in names:
         _free(out / named(name).name)
     rows: list[Row] = []
-    with contextlib.suppress(KeyboardInterrupt):
-        for name in names:
-            rows.append(fly(name, out / name, said))
+    bases = [Breakable(said) for _ in names]
+    with contextlib.suppress(KeyboardInterrupt), contextlib.ExitStack() as held:
+        for base in bases:
+            held.callback(base.close)
+        for number, name in enumerate(names):
+            rows.append(_fly(named(name), out / name, *bases[number : number + 2]))
             if progress is not None:
                 progress(rows[-1])
     return rows
@@ -77,10 +79,16 @@ def fly(name: str, out: Path, said: Say | None = None) -> Row:
     Raises `Refusal` for a name that is none, and for a folder that is there already.
     """
     fault = named(name)
-    _free(out).mkdir(parents=True)
+    with contextlib.closing(Breakable(said)) as base:
+        return _fly(fault, _free(out), base)
+
+
+def _fly(fault: Fault, out: Path, base: Breakable, following: Breakable | None = None) -> Row:
+    """Fly a fault by a base station. The following one does its imports while this one lands."""
+    out.mkdir(parents=True)
+    base.start()
     start = replace(START, latches=frozenset({"ugv1"} if fault.latches else ()))
     with contextlib.ExitStack() as held:
-        base = held.enter_context(_BaseStation(said))  # its imports take as long as the room's
         chain = held.enter_context(Chain(_site(fault), start))
         flight = _Flight(fault, out, chain, base, held)
         if fault.first:
@@ -90,6 +98,8 @@ def fly(name: str, out: Path, said: Say | None = None) -> Row:
             flight.until(lambda: False, BEGINS)
             flight.begin()
         flight.watch()
+        if following is not None:
+            following.start()
         flight.land()
         return judged(flight.row())
 
@@ -108,66 +118,6 @@ def _site(fault: Fault) -> Site:
     return replace(site, ugv=(guarded, *site.ugv[1:]))
 
 
-class _Seen(NamedTuple):
-    """What the base station told of itself, and when."""
-
-    t: float
-    what: str
-    value: Any
-
-
-class _BaseStation:
-    """The base station's process, seen from without. Use it with `with`."""
-
-    def __init__(self, said: Say | None):
-        self.seen: list[_Seen] = []
-        self._said = said
-        self._ended = threading.Event()
-        context = multiprocessing.get_context("spawn")
-        self._wire, self._theirs = context.Pipe()
-        self.process = context.Process(
-            target=sabotage.run, args=(self._theirs,), name="base station", daemon=True
-        )
-
-    def __enter__(self) -> "_BaseStation":
-        self.process.start()
-        self._theirs.close()
-        threading.Thread(target=self._listen, name="base station", daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.process.is_alive():
-            self.process.kill()
-        self.process.join()
-
-    @property
-    def ended(self) -> bool:
-        """Whether it has said its last."""
-        return self._ended.is_set()
-
-    def tell(self, *what: Any) -> None:
-        """Tell it something, if it lives."""
-        with contextlib.suppress(OSError):
-            self._wire.send(what)
-
-    def modes(self, since: float = -inf, until: float = inf) -> list[Mode]:
-        """The modes that it entered."""
-        return [Mode(one.value) for one in self.of("mode", since, until)]
-
-    def of(self, what: str, since: float = -inf, until: float = inf) -> list[_Seen]:
-        """All that it told of a kind."""
-        return [one for one in list(self.seen) if one.what == what and since <= one.t < until]
-
-    def _listen(self) -> None:
-        with contextlib.suppress(EOFError, OSError):
-            while True:
-                one = _Seen(*self._wire.recv())
-                self.seen.append(one)
-                if one.what == "line" and self._said is not None:
-                    self._said(one.value)
-        self._ended.set()
-
-
 class _Flight:
     """A flight in which something goes wrong, and all that is known of it."""
 
@@ -176,7 +126,7 @@ class _Flight:
         fault: Fault,
         folder: Path,
         chain: Chain,
-        base: _BaseStation,
+        base: Breakable,
         held: contextlib.ExitStack,
     ):
         self.fault, self.folder, self.chain, self.base = fault, folder, chain, base
@@ -278,6 +228,7 @@ class _Flight:
             max(last.beyond, last.rover_beyond) if last else inf,
             blind,
             self._landed(),
+            self._landing(),
             self._stood(),
             last is None or last.crashed,
             self._readable(),
@@ -297,6 +248,13 @@ class _Flight:
     def _landed(self) -> float | None:
         """Seconds until the motors were off, to stay so."""
         return _lasting(self._since(), lambda one: all(one.off), self.began)
+
+    def _landing(self) -> float | None:
+        """Seconds that the landing took."""
+        began = [one.t for one in self.base.of("mode") if one.value == Mode.LANDING]
+        began += [self.began + after for after in (self._guarded(),) if after is not None]
+        landed = self._landed()
+        return None if landed is None or not began else self.began + landed - min(began)
 
     def _stood(self) -> float | None:
         """Seconds until the rovers stood, to stay so."""

@@ -4,20 +4,24 @@ The shepherd, the clock and the disk are broken from within; all else is as in a
 """
 
 import contextlib
+import multiprocessing
 import os
 import resource
 import signal
 import threading
 import time
+from collections.abc import Callable
+from math import inf
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from skydog.errors import Refusal
+from skydog.flight.supervisor import Mode
 from skydog.lab import running
 from skydog.lab.flying import BaseStation
 from skydog.lab.orders import Orders
@@ -27,6 +31,68 @@ from skydog.world.params import World, traced
 from skydog.world.state import State
 
 PATIENCE = 10.0  # s for the pre-flight checks to pass
+
+
+class Said(NamedTuple):
+    """What the base station told of itself, and when."""
+
+    t: float
+    what: str
+    value: Any
+
+
+class Breakable:
+    """The base station's process, seen from without."""
+
+    def __init__(self, said: Callable[[str], None] | None):
+        self.seen: list[Said] = []
+        self._said = said
+        self._ended = threading.Event()
+        context = multiprocessing.get_context("spawn")
+        self._wire, self._theirs = context.Pipe()
+        self.process = context.Process(
+            target=run, args=(self._theirs,), name="base station", daemon=True
+        )
+
+    def start(self) -> None:
+        """Start it, if it has not: it imports what it needs, and waits for its site."""
+        if self.process.pid is None:
+            self.process.start()
+            self._theirs.close()
+            threading.Thread(target=self._listen, name="base station", daemon=True).start()
+
+    def close(self) -> None:
+        """End it."""
+        if self.process.pid is not None:
+            self.process.kill()
+            self.process.join()
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has said its last."""
+        return self._ended.is_set()
+
+    def tell(self, *what: Any) -> None:
+        """Tell it something, if it lives."""
+        with contextlib.suppress(OSError):
+            self._wire.send(what)
+
+    def modes(self, since: float = -inf, until: float = inf) -> list[Mode]:
+        """The modes that it entered."""
+        return [Mode(one.value) for one in self.of("mode", since, until)]
+
+    def of(self, what: str, since: float = -inf, until: float = inf) -> list[Said]:
+        """All that it told of a kind."""
+        return [one for one in list(self.seen) if one.what == what and since <= one.t < until]
+
+    def _listen(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                one = Said(*self._wire.recv())
+                self.seen.append(one)
+                if one.what == "line" and self._said is not None:
+                    self._said(one.value)
+        self._ended.set()
 
 
 def run(wire: Connection) -> None:
