@@ -16,8 +16,8 @@ import pytest
 
 from skydog.lab.site import ROS1
 
-pytest.importorskip("rospy", reason="rospy of ROS 1 is not here; see .ci/ros")
-pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see .ci/ros")
+pytest.importorskip("rospy", reason="rospy of ROS 1 is not here; see make ros")
+pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see make ros")
 
 PATIENCE = 30.0  # s
 # A server that has imported once what every test needs; each test's process is a fork of it.

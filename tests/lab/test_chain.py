@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """The whole emulated laboratory over real sockets, seen from without: a short flight each way."""
 
 import contextlib
@@ -223,8 +224,8 @@ def strangers(dds):
 
 
 def test_a_flight_over_ros_1_holds_while_nothing_is_seen_and_a_stranger_understands_it(tmp_path):
-    pytest.importorskip("rospy", reason="rospy of ROS 1 is not here; see .ci/ros")
-    pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see .ci/ros")
+    pytest.importorskip("rospy", reason="rospy of ROS 1 is not here; see make ros")
+    pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see make ros")
     rovers = [f"/ugv{number}/cmd_vel" for number in (1, 2, 3)]
     words = ["/ardrone/takeoff", "/ardrone/land", "/ardrone/reset"]
     with (

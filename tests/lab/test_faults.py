@@ -123,8 +123,8 @@ def test_a_folder_that_is_there_is_refused_before_anything_flies(tmp_path):
 
 @pytest.mark.parametrize("name", ["silent-1", "base-killed"])
 def test_a_fault_flown_through_the_whole_chain_ends_as_the_table_says(name, tmp_path):
-    pytest.importorskip("rospy", reason="rospy of ROS 1 is not here; see .ci/ros")
-    pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see .ci/ros")
+    pytest.importorskip("rospy", reason="rospy of ROS 1 is not here; see make ros")
+    pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see make ros")
     from skydog.lab.emulation import campaign
 
     row = campaign.fly(name, tmp_path / name)

@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 import math
 import threading
 import time

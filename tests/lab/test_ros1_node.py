@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 import threading
 import time
 from typing import Any
@@ -127,8 +128,8 @@ def test_the_tools_of_ros_show_and_record_what_a_rover_is_told(master, tmp_path)
 
     from skydog.lab.ros1 import Node, TwistRover
 
-    pytest.importorskip("rostopic", reason="rostopic of ROS 1 is not here; see .ci/ros")
-    pytest.importorskip("rosbag", reason="rosbag of ROS 1 is not here; see .ci/ros")
+    pytest.importorskip("rostopic", reason="rostopic of ROS 1 is not here; see make ros")
+    pytest.importorskip("rosbag", reason="rosbag of ROS 1 is not here; see make ros")
     node = Node(ros.at(master))
     rover = TwistRover(node, UGV)
     echo = "import rostopic\nrostopic.rostopicmain()\n"

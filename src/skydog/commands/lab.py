@@ -270,8 +270,8 @@ def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
         found = [each._asdict() for each in rows]
         files.write_text(home / "faults.json", json.dumps(files.plain(found), indent=2))
         files.write_text(home / "faults.md", report.markdown_table(*verdict.table(rows)))
-        verdict = "as expected" if row.as_expected else row.problem
-        console.say(f"{len(rows)} of {len(chosen)}: {row.name}: {verdict}")
+        said = "as expected" if row.as_expected else row.problem
+        console.say(f"{len(rows)} of {len(chosen)}: {row.name}: {said}")
 
     console.say(f"Flying {len(chosen)} faults, half a minute each; Ctrl-C keeps what was flown.")
     # Ctrl-C must end the processes of the chain too, so it is no sudden end here.

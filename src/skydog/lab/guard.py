@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
+# pyright: reportMissingImports=false
 """The guard that runs on a robot: when its base station falls silent, the robot stops.
 
 Some robots obey the last Twist until the next one comes, for ever. The guard stands between: it
 passes Twists on within limits, and after a quarter of a second without any it says 20 times a
-second that the robot is to stand still. A drone is landed after another quarter. It needs rospy and
+second that the robot is to stand still. A drone is landed after another fifth. It needs rospy and
 Python 3.8, nothing else:
 
     scp guard.py robot: && ssh robot python3 guard.py --in /ugv1/cmd_vel_in --out /ugv1/cmd_vel
@@ -135,7 +136,7 @@ def _options():
     parser.add_argument("--max-turn-rate", type=_positive, default=3.2, help="rad/s")
     parser.add_argument("--stamped", action="store_true", help="TwistStamped instead of Twist")
     parser.add_argument("--land", default="", help="topic of the order to land: /ardrone/land")
-    parser.add_argument("--land-after", type=_positive, default=0.25, help="s of standing still")
+    parser.add_argument("--land-after", type=_positive, default=0.2, help="s of standing still")
     return parser.parse_args()
 
 

@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """ROS 1: robots, and a tracker, behind the topics of our node."""
 
 import math

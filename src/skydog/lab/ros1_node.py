@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """The ROS 1 node of this process, by Debian's rospy."""
 
 import contextlib
@@ -18,7 +19,8 @@ try:
     from rospy.impl.registration import get_topic_manager
 except ImportError as missing:
     raise Refusal(
-        "ROS 1 needs rospy; run .ci/ros, or: apt install python3-rospy python3-geometry-msgs"
+        "ROS 1 needs rospy; run make ros in a clone, or: apt install python3-rospy "
+        "python3-geometry-msgs python3-std-msgs"
     ) from missing
 
 PATIENCE = 2.0  # s that a master, or another node, is waited for

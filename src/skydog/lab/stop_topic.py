@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """The operator's stop as a topic: a String that says hold, land, emergency, or just stop."""
 
 from math import inf

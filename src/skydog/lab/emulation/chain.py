@@ -82,7 +82,7 @@ def a_site(
         mission,
         Cage(span, span, (-0.5, CEILING)),
         Mocap(port=free_port(socket.SOCK_DGRAM)),
-        ROS1(f"http://127.0.0.1:{free_port(socket.SOCK_STREAM)}"),
+        ROS1("http://127.0.0.1:0"),  # any port that is free when the chain starts
         DDS(domain=_free_domain()),
         (uav,),
         tuple(
@@ -109,6 +109,8 @@ class Chain:
                 from skydog.lab.emulation.master import Master
 
                 self.master = Master(int(self.site.ros1.master.rpartition(":")[2]))
+                here = replace(self.site.ros1, master=self.master.uri.rstrip("/"))
+                self.site = replace(self.site, ros1=here)
                 for robot in (*self.site.uav, *self.site.ugv):
                     if robot.guard:
                         self._guards[robot.name] = self._guard(robot)

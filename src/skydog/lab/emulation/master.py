@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """A ROS 1 master of our own, in a process of its own: for the emulated laboratory and the tests."""
 
 import os
@@ -29,7 +30,8 @@ class Master:
             import rosmaster  # noqa: F401
         except ImportError as missing:
             raise Refusal(
-                "a ROS 1 master needs rosmaster; run .ci/ros, or: apt install python3-rosmaster"
+                "a ROS 1 master needs rosmaster; run make ros in a clone, or: apt install "
+                "python3-rosmaster python3-rospy; DDS needs neither: --transport dds"
             ) from missing
         self._process = subprocess.Popen(
             [sys.executable, "-c", PROGRAM, str(port)],

@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """The drivers of ROS 1 robots that are not there: real topics on one side, the twin on the other.
 
 Each obeys the topic it is given; where that is the one that a guard publishes, the guard stands
