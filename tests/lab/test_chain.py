@@ -142,6 +142,7 @@ def judge(chain, flight, ended, log):
     trace, shepherd = flightlog.load(log)
     assert shepherd == "strombom"
     assert len(trace.time) == steps
+    assert trace.poses is not None
     assert float(trace.poses.altitude.max()) < 2.3
     moved = math.dist(report.dogs[0][:2], START.dogs[0])
     assert moved > 0.3

@@ -121,7 +121,7 @@ def test_a_folder_that_is_there_is_refused_before_anything_flies(tmp_path):
     assert [folder.name for folder in tmp_path.iterdir()] == ["silent-1"]
 
 
-@pytest.mark.parametrize("name", ["silent-1", "base-killed"])
+@pytest.mark.parametrize("name", ["base-killed"])
 def test_a_fault_flown_through_the_whole_chain_ends_as_the_table_says(name, tmp_path):
     pytest.importorskip("rospy", reason="rospy of ROS 1 is not here; see make ros")
     pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see make ros")

@@ -104,12 +104,32 @@ def test_a_second_publisher_is_named_and_lands_the_drone(fly):
 def test_an_order_that_is_refused_says_why(monkeypatch, tmp_path):
     with station(monkeypatch, tmp_path, a_small_site()) as (base, room, orders):
         room.drone.said = room.drone.said._replace(battery=0.01)
-        orders.give(Order.ARM, "key 'a'")
-        until = Automatic(orders, patience=2.0)
+        over, asked = Automatic(orders, patience=2.0), []
+
+        def until(base):
+            if not asked:
+                asked.append(orders.give(Order.ARM, "key 'a'"))
+            return over(base)
+
         lines = "\n".join(base.fly(until).lines)
     assert "arm by key 'a' refused while disarmed" in lines
     assert "not ready: battery of uav1: 1%" in lines
     assert room.drone.modes == [Mode.DISARMED]
+
+
+def test_keys_that_were_pressed_before_anybody_was_seen_arm_nothing(monkeypatch, tmp_path):
+    with station(monkeypatch, tmp_path, a_small_site()) as (base, room, orders):
+        orders.give(Order.ARM, "key 'a'")
+        orders.give(Order.TAKE_OFF, "key 't'")
+        base.fly(lambda base: base.memory.now - base.began > 2.0)
+    assert room.drone.modes == [Mode.DISARMED]
+
+
+def test_whoever_leaves_before_anybody_is_seen_leaves(monkeypatch, tmp_path):
+    with station(monkeypatch, tmp_path, a_small_site()) as (base, room, orders):
+        room.hidden.add("ugv2")
+        orders.quits = True
+        assert base.fly(lambda base: False).how == "stopped by the supervisor"
 
 
 def test_a_body_that_is_missed_holds_everything_until_it_is_seen_again(fly):

@@ -35,7 +35,7 @@ def policy():
 
 
 def ask(policy, step=0, sheep=SHEEP):
-    policy.ask(Seen(step, sheep, DOGS))
+    policy.ask(Seen(step, sheep, DOGS, 0.0 * sheep))
     return policy.answer(PATIENCE)
 
 
@@ -86,10 +86,10 @@ def test_a_shepherd_that_hangs_keeps_nobody_waiting(policy):
     begun, go_on = threading.Event(), threading.Event()
     asked = policy(hanging(begun, go_on))
     try:
-        asked.ask(Seen(0, SHEEP, DOGS))
+        asked.ask(Seen(0, SHEEP, DOGS, 0.0 * SHEEP))
         assert begun.wait(PATIENCE)
         assert asked.answer(0.01) is None
-        asked.ask(Seen(1, SHEEP, DOGS))
+        asked.ask(Seen(1, SHEEP, DOGS, 0.0 * SHEEP))
         assert asked.answer(0.01) is None
     finally:
         go_on.set()
@@ -98,9 +98,9 @@ def test_a_shepherd_that_hangs_keeps_nobody_waiting(policy):
 def test_of_two_questions_the_newest_is_answered(policy):
     begun, go_on = threading.Event(), threading.Event()
     asked = policy(hanging(begun, go_on))
-    asked.ask(Seen(1, SHEEP, DOGS))
+    asked.ask(Seen(1, SHEEP, DOGS, 0.0 * SHEEP))
     assert begun.wait(PATIENCE)
-    asked.ask(Seen(2, SHEEP, DOGS))
+    asked.ask(Seen(2, SHEEP, DOGS, 0.0 * SHEEP))
     go_on.set()
     assert asked.answer(PATIENCE).step == 2
     assert asked.answer(0.0) is None
@@ -109,7 +109,7 @@ def test_of_two_questions_the_newest_is_answered(policy):
 def test_one_that_hangs_does_not_keep_it_from_being_let_go():
     begun, go_on = threading.Event(), threading.Event()
     asked = Policy(WORLD, hanging(begun, go_on), 3, 1)
-    asked.ask(Seen(0, SHEEP, DOGS))
+    asked.ask(Seen(0, SHEEP, DOGS, 0.0 * SHEEP))
     assert begun.wait(PATIENCE)
     asked.close()
     go_on.set()
@@ -147,10 +147,10 @@ def test_what_is_no_number_stays_none_for_the_supervisor(policy):
 )
 def test_the_self_test_refuses_a_shepherd_that_cannot_fly(policy, shepherd, why):
     with pytest.raises(Refusal, match=why):
-        policy(shepherd).self_test(Seen(0, SHEEP, DOGS))
+        policy(shepherd).self_test(Seen(0, SHEEP, DOGS, 0.0 * SHEEP))
 
 
 def test_the_self_test_leaves_no_trace_in_the_first_decision(policy):
     tested, fresh = policy(Strombom()), policy(Strombom())
-    tested.self_test(Seen(0, SHEEP[::-1] - 1.0, DOGS))
+    tested.self_test(Seen(0, SHEEP[::-1] - 1.0, DOGS, 0.0 * SHEEP))
     np.testing.assert_array_equal(ask(tested).decision.force, ask(fresh).decision.force)

@@ -69,7 +69,7 @@ def test_all_pass_when_all_is_well():
         ({"rates": (*[100.0] * 3, 130.0)}, "rate of ugv3", "130 Hz"),
         ({"dogs": [[-0.8, 5.0, 0.05]]}, "uav1 is inside the cage", "-0.80, 5.00, 0.05 m; place it"),
         ({"dogs": [[1.0, 5.0, 3.5]]}, "uav1 is inside the cage", "3.50"),
-        ({"dogs": [[3.3, 4.9, 0.05]]}, "pad of uav1 is clear", "nearest rover 0.40 m"),
+        ({"dogs": [[3.3, 4.9, 0.05]]}, "pad of uav1 is clear", "nearest 0.40 m"),
         ({"sheep": [[6.2, 4.5], *SHEEP[1:]]}, "ugv1 is in the arena", "within 0 to 6 m"),
         ({"sheep": [SHEEP[0], [3.3, 4.6], SHEEP[2]]}, "ugv2 does not touch another", "0.10 m"),
         ({"status": (Status(1.0, False, connected=False),)}, "uav1 answers", "no"),

@@ -21,6 +21,7 @@ ON_FLOOR = 0.05  # m above its pad, at most
 BLIND_SINK = 0.3  # m/s of a drone that lands unseen; ours
 CLEARS_FOR = 8.0  # s for which a landing drone looks for a place without rovers
 CLEAR = 0.2  # m between a landing drone and a rover, besides their sizes
+MARGIN = 0.15  # m more that it flies to: the last centimetres take an SNI loop long
 
 
 class Base(NamedTuple):
@@ -285,7 +286,7 @@ def _clear(
         gap = np.take_along_axis(far, nearest, axis=-1)
         to = np.take_along_axis(away, nearest[..., None], axis=-2)[..., 0, :]
         to = np.where(gap > 1e-6, to / np.maximum(gap, 1e-6), (1.0, 0.0))
-        spot = clipped(spot + np.maximum(needed + 0.05 - gap, 0.0) * to, *base.airspace)
+        spot = clipped(spot + np.maximum(needed + MARGIN - gap, 0.0) * to, *base.airspace)
     here = known.dogs.position[..., :2]
     away = here[..., :, None, :] - known.sheep.position[..., None, :, :]
     covers = (np.hypot(away[..., 0], away[..., 1]) < needed).any(axis=(-1, -2))

@@ -102,10 +102,14 @@ class BaseStation:
         self._alarmed = self._over = self._waits = False
         self._problem: str | None = None
         self._how = STOPPED
+        self._force = np.zeros((len(site.ugv), 2), np.float32)  # of the latest that was flown
 
     def fly(self, until: Callable[["BaseStation"], bool]) -> Outcome:
         """Fly until `until` says so: it is asked in every tick, and heard when nothing flies."""
         first = self._wait_for_bodies()
+        if first is None:
+            return self._outcome()
+        self.orders.forget()  # whoever typed ahead has not seen what would take off
         due = time.monotonic()
         self.memory = base.start(self.made.base, _batch(first), due)
         try:
@@ -134,10 +138,10 @@ class BaseStation:
         if self.log is not None:
             self.log.event(text)
 
-    def _wait_for_bodies(self) -> Sighting:
-        """The first look at which every body was seen; until then there is nothing to do."""
+    def _wait_for_bodies(self) -> Sighting | None:
+        """The first look at which every body was seen; None if the operator leaves before."""
         told = -inf
-        while True:
+        while not self.orders.quits:
             self.wires.source.wait(time.monotonic() + 0.1)
             sighting = self._eyes.look(time.monotonic())
             seen = zip(self._names, sighting.came, strict=True)
@@ -147,6 +151,7 @@ class BaseStation:
             if time.monotonic() - told > 5.0:
                 told = time.monotonic()
                 self.say(f"waiting for motion capture to show {', '.join(missing)}")
+        return None
 
     def _tick(self, now: float, late: float) -> Mode:
         """One tick: look, decide if it is time, step, send, and tell."""
@@ -217,13 +222,14 @@ class BaseStation:
         self._asked = due if now - due < self._period else now
         known = self.memory.station
         flock = station.flock(self.made.base.station, known)[0]
-        self.policy.ask(Seen(self.step, flock, known.dogs.position[0, :, :2]))
+        self.policy.ask(Seen(self.step, flock, known.dogs.position[0, :, :2], self._force))
         self._waits = True
 
     def _take(self, answer: Answer, sighting: Sighting, now: float) -> None:
         """What a decision that was flown means for the mission: its record, its step, its end."""
         if self._over:
             return
+        self._force = answer.decision.force
         over = answer.accomplished or self.step >= self.site.mission.steps
         if self.log is not None:
             instant = record.decision(

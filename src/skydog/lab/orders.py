@@ -58,6 +58,11 @@ class Orders:
         """An order, and who gave it. One that stops undoes those before it that do not."""
         self._given.put((order, by))
 
+    def forget(self) -> None:
+        """Drop all that was given and not taken."""
+        while self.take()[0] != Order.NONE:
+            pass
+
     def take(self) -> tuple[Order, str]:
         """The next order; `Order.NONE` if there is none."""
         while not self._given.empty():

@@ -5,14 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skydog.flight.base import CLEAR, Base
+from skydog.flight.base import Base
 from skydog.flight.station import DT
 from skydog.lab.adapters import Status
 from skydog.lab.eyes import Sighting
 from skydog.lab.site import Site, UAVSite, UGVSite
 
 RATE = (0.8, 1.2)  # share of the site's rate that a tracker must keep; Crazyswarm2: 80 to 120 Hz
-APART = 0.03  # m between rovers
+APART = 0.03  # m between two of a kind
+PAD = 0.15  # m between a drone's pad and a rover
 USED = 0.8  # share of a battery's minutes that is counted on; ours
 
 
@@ -110,10 +111,9 @@ def _alone(robot: UAVSite | UGVSite, others: Sequence[str]) -> Check:
 
 def _places(site: Site, base: Base, dogs: np.ndarray, sheep: np.ndarray) -> list[Check]:
     """Whether everybody stands where a flight can begin."""
-    uav, rover = base.station.uav.body, base.station.rover.body
     cage = np.array([site.cage.x, site.cage.y, site.cage.z])
     found = []
-    for each, at in zip(site.uav, dogs, strict=True):
+    for number, (each, at) in enumerate(zip(site.uav, dogs, strict=True)):
         inside = bool(np.all((at >= cage[:, 0]) & (at <= cage[:, 1])))
         found.append(
             Check(
@@ -123,16 +123,10 @@ def _places(site: Site, base: Base, dogs: np.ndarray, sheep: np.ndarray) -> list
                 "" if inside else "place it there, or check mocap.origin and mocap.yaw",
             )
         )
-        gap = float(np.min(np.hypot(*(sheep - at[:2]).T), initial=np.inf))
-        needed = uav.radius + rover.radius + CLEAR - 0.05
-        found.append(
-            Check(
-                f"pad of {each.name} is clear",
-                gap >= needed,
-                f"nearest rover {gap:.2f} m, {needed:.2f} wanted",
-                "" if gap >= needed else "move one of them",
-            )
-        )
+        found.append(_apart(f"pad of {each.name} is clear", at[:2], sheep, PAD + _sizes(base)))
+        others = dogs[:number, :2]
+        beside = 2 * base.station.uav.body.radius + APART
+        found.append(_apart(f"{each.name} stands apart", at[:2], others, beside))
     least, most = base.arena
     for number, (each, at) in enumerate(zip(site.ugv, sheep, strict=True)):
         inside = bool(np.all((at >= least - 0.05) & (at <= most + 0.05)))
@@ -144,14 +138,21 @@ def _places(site: Site, base: Base, dogs: np.ndarray, sheep: np.ndarray) -> list
                 "" if inside else f"place it within {least:g} to {most:g} m",
             )
         )
-        gap = float(np.min(np.hypot(*(sheep[:number] - at).T), initial=np.inf))
-        needed = 2 * rover.radius + APART
-        found.append(
-            Check(
-                f"{each.name} does not touch another",
-                gap >= needed,
-                f"nearest {gap:.2f} m, {needed:.2f} wanted",
-                "" if gap >= needed else "move it",
-            )
-        )
+        beside = 2 * base.station.rover.body.radius + APART
+        found.append(_apart(f"{each.name} does not touch another", at, sheep[:number], beside))
     return found
+
+
+def _sizes(base: Base) -> float:
+    return base.station.uav.body.radius + base.station.rover.body.radius
+
+
+def _apart(name: str, at: np.ndarray, others: np.ndarray, needed: float) -> Check:
+    """Whether the nearest of some others is far enough away, in metres."""
+    gap = float(np.min(np.hypot(*(others - at).T), initial=np.inf))
+    return Check(
+        name,
+        gap >= needed,
+        f"nearest {gap:.2f} m, {needed:.2f} wanted",
+        "" if gap >= needed else "move one of them",
+    )

@@ -38,7 +38,8 @@ class Automatic:
             self._flown = True
             if mode in (Mode.MISSION, Mode.HOLD) and self.finished(station):
                 self.orders.give(Order.LAND, "the automatic operator")
-            return False
+        if mode == Mode.EMERGENCY and not any(d.status().flying for d in station.wires.drones):
+            self.orders.give(Order.RESET, "the automatic operator")
         if self._flown:
             return mode == Mode.DISARMED
         if station.look_out.ready:
@@ -89,25 +90,25 @@ def fly(
         size = float(made.world.arena.size)
         along = np.linspace(0.4, 0.8, sheep) * size
         place = np.stack([along, along[::-1]], axis=1)
-        policy.self_test(Seen(0, place, np.full((dogs, 2), 0.3 * size)))
-        kept = None
-        if log is not None:
-            uavs, ugvs = ([robot.name for robot in which] for which in (site.uav, site.ugv))
-            flight = Flight(
-                site.mission.sheepdog, made.world, tuple(uavs), tuple(ugvs), site.mission.steps
-            )
-            kept = FlightLog(log, site_text, made.card, flight)
+        policy.self_test(Seen(0, place, np.full((dogs, 2), 0.3 * size), 0.0 * place))
+        wires = connect(site, orders)
         try:
-            wires = connect(site, orders)
+            kept = None
+            if log is not None:
+                uavs, ugvs = ([robot.name for robot in which] for which in (site.uav, site.ugv))
+                flight = Flight(
+                    site.mission.sheepdog, made.world, tuple(uavs), tuple(ugvs), site.mission.steps
+                )
+                kept = FlightLog(log, site_text, made.card, flight)
             try:
                 _make_way()
                 station = BaseStation(site, made, wires, policy, orders, kept, show, said, here)
                 return station.fly(over)
             finally:
-                wires.close()
+                if kept is not None:
+                    kept.close()
         finally:
-            if kept is not None:
-                kept.close()
+            wires.close()
     finally:
         policy.close()
 

@@ -147,7 +147,9 @@ class Chain:
             self.master.close()
 
     def change(self, what: Literal["faults", "wrong"], name: str, value: Any) -> None:
-        """Change what is wrong with the tracker, or with the robots."""
+        """Change what is wrong with the tracker, or with the robots. Refused by other trackers."""
+        if what == "faults" and self.site.mocap.source != "vicon-udp":
+            raise Refusal(f"only Vicon's UDP stream fails on demand, not {self.site.mocap.source}")
         self._wire.send((what, name, value))
 
     def report(self) -> Report | None:
