@@ -17,7 +17,7 @@ import numpy as np
 
 from skydog import files
 from skydog.commands.physical import draw
-from skydog.lab.emulation import campaign, faults, flights
+from skydog.lab.emulation import campaign, faults, flights, verdict
 from skydog.lab.emulation.chain import a_site
 from skydog.lab.emulation.flights import Emulated, Flown
 from skydog.lab.emulation.room import Start
@@ -222,8 +222,8 @@ def document(runs: Path) -> str:
     lines += [report.markdown_table(*rows_table(found)), "", "## Other drones", ""]
     lines += [report.markdown_table(*adapters_table(found)), "", "## Ten minutes", ""]
     lines += [report.markdown_table(*rates_table(found)), "", "## Faults", ""]
-    rows = [faults.Row(**one) for name, one in found.items() if name.startswith("fault-")]
-    lines += [report.markdown_table(*faults.table(rows)), ""]
+    rows = [verdict.Row(**one) for name, one in found.items() if name.startswith("fault-")]
+    lines += [report.markdown_table(*verdict.table(rows)), ""]
     return "\n".join(lines)
 
 
