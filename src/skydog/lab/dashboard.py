@@ -2,7 +2,6 @@
 
 import threading
 from collections import deque
-from types import TracebackType
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -54,12 +53,7 @@ class Dashboard:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closed.set()
         self._thread.join(2.0)  # a terminal that was told to wait may keep it for ever
 

@@ -12,7 +12,6 @@ import tty
 from math import inf
 from pathlib import Path
 from queue import SimpleQueue
-from types import TracebackType
 
 from skydog.errors import Refusal
 from skydog.flight.supervisor import Order
@@ -97,12 +96,7 @@ class Keys:
             self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closed.set()
         if self._before is not None:
             self._thread.join()

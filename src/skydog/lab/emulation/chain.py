@@ -10,7 +10,6 @@ import sys
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Literal, get_args
 
 from skydog.errors import Refusal
@@ -116,16 +115,11 @@ class Chain:
                         self._guards[robot.name] = self._guard(robot)
             self._start_room()
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._room is not None:
             with contextlib.suppress(OSError):
                 self._wire.send(None)

@@ -8,7 +8,6 @@ import contextlib
 import socket
 import threading
 import time
-from types import TracebackType
 
 import numpy as np
 
@@ -36,12 +35,7 @@ class Flood:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._over.set()
         self._thread.join()
 
