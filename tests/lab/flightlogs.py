@@ -64,7 +64,7 @@ def fly(log, case=0):
             log.seen(name, (1.0, 2.0, 0.01 * step), TURN, t)
             log.pose(name, (1.1, 2.0, 0.01 * step), TURN, t)
             log.command(name, (0.1, 0.0, 0.0), (0.0, 0.0, 0.5), t)
-        log.timing(Timing(0.01, 0.001, 0.002, 0.003, 0), t)
+        log.timing(Timing(np.full(4, 0.01), 0.001, 0.002, 0.003, 0), t)
     log.transition(Mode.LANDING, "accomplished", "all are home", now)
     log.event("landed")
 

@@ -56,7 +56,7 @@ def a_view(mode=Mode.MISSION, **changed):
         status=(Status(0.8, True),),
         checks=(Check("uav1 answers", True, "yes"), Check("rate of ugv2", False, "70 Hz", "fix")),
         lines=tuple(f"line {number}" for number in range(20)),
-        timing=Timing(0.32, 0.0004, 0.0021, 0.0032, 7),
+        timing=Timing(np.array([0.32]), 0.0004, 0.0021, 0.0032, 7),
         rates=(100.0, 99.0, 68.0, 100.0),
     )
     return view._replace(**changed)

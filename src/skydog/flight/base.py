@@ -19,8 +19,8 @@ from skydog.flight.supervisor import Change, Mode, Order
 AT_HEIGHT = 0.1  # m within which a drone is at its height
 ON_FLOOR = 0.05  # m above its pad, at most
 BLIND_SINK = 0.3  # m/s of a drone that lands unseen; ours
-CLEARS_FOR = 8.0  # s for which a landing drone looks for a place without rovers
-CLEAR = 0.2  # m between a landing drone and a rover, besides their sizes
+CLEARS_FOR = 8.0  # s for which a landing drone looks for a place without rovers and walls
+CLEAR = 0.2  # m between a landing drone and a rover or a wall, besides their sizes
 MARGIN = 0.15  # m more that it flies to: the last centimetres take an SNI loop long
 
 
@@ -275,9 +275,13 @@ def _clear(
     landing_for: Float[np.ndarray, "*batch"],
     blind: Bool[np.ndarray, "*batch dogs"],
 ) -> tuple[station.Memory, Bool[np.ndarray, "*batch"]]:
-    """Set-points beside the rovers, and which drones still fly there before they land."""
+    """Set-points beside rovers and walls, and which drones still fly there before they land.
+
+    The walls of an arena stand just outside it. A drone that lands on one slides on, to the fence.
+    """
     uav, rover = base.station.uav.body, base.station.rover.body
     needed = uav.radius + rover.radius + CLEAR
+    least, most = base.arena[0] + uav.radius + CLEAR, base.arena[1] - uav.radius - CLEAR
     spot = known.dog_setpoint.origin
     for _ in range(4):
         away = spot[..., :, None, :] - known.sheep.position[..., None, :, :]
@@ -286,10 +290,11 @@ def _clear(
         gap = np.take_along_axis(far, nearest, axis=-1)
         to = np.take_along_axis(away, nearest[..., None], axis=-2)[..., 0, :]
         to = np.where(gap > 1e-6, to / np.maximum(gap, 1e-6), (1.0, 0.0))
-        spot = clipped(spot + np.maximum(needed + MARGIN - gap, 0.0) * to, *base.airspace)
+        spot = clipped(spot + np.maximum(needed + MARGIN - gap, 0.0) * to, least + 0.05, most - 0.05)
     here = known.dogs.position[..., :2]
     away = here[..., :, None, :] - known.sheep.position[..., None, :, :]
     covers = (np.hypot(away[..., 0], away[..., 1]) < needed).any(axis=(-1, -2))
+    covers |= ((here < least) | (here > most)).any(axis=(-1, -2))
     clearing = (mode == Mode.LANDING) & covers & (landing_for < CLEARS_FOR) & ~blind.any(axis=-1)
     lands = (mode == Mode.LANDING)[..., None, None]
     origin = np.where(lands, spot, known.dog_setpoint.origin)

@@ -83,7 +83,7 @@ class Decision(NamedTuple):
 class Timing(NamedTuple):
     """How well the loop keeps its time. Seconds."""
 
-    pose_age: float  # of the oldest pose
+    pose_ages: Float[np.ndarray, " robots"]  # of the latest that were believed, drones first
     jitter: float  # by which this tick came late
     decide: float  # that the latest decision took
     latency: float  # from the newest pose to the commands
@@ -152,7 +152,8 @@ class FlightLog:
 
     def timing(self, timing: Timing, t: float) -> None:
         """How well the loop keeps its time."""
-        self._put(self._write_fields, t, "/timing", TIMING, tuple(timing))
+        ages = np.asarray(timing.pose_ages, np.float32)
+        self._put(self._write_fields, t, "/timing", TIMING, (ages, *timing[1:]))
 
     def event(self, text: str) -> None:
         """Something that a reader of the log is to know; it happens now."""

@@ -182,7 +182,7 @@ class BaseStation:
                 self._take(answer, sighting, now)
         self._keep_time(sent, mode, late, latency)
         timing = Timing(
-            float(sent.age.max()),
+            sent.age[0],
             late,
             self._times.decide[-1] if self._times.decide else 0.0,
             latency,
