@@ -290,7 +290,8 @@ def _clear(
         gap = np.take_along_axis(far, nearest, axis=-1)
         to = np.take_along_axis(away, nearest[..., None], axis=-2)[..., 0, :]
         to = np.where(gap > 1e-6, to / np.maximum(gap, 1e-6), (1.0, 0.0))
-        spot = clipped(spot + np.maximum(needed + MARGIN - gap, 0.0) * to, least + 0.05, most - 0.05)
+        spot = spot + np.maximum(needed + MARGIN - gap, 0.0) * to
+        spot = clipped(spot, least + MARGIN, most - MARGIN)
     here = known.dogs.position[..., :2]
     away = here[..., :, None, :] - known.sheep.position[..., None, :, :]
     covers = (np.hypot(away[..., 0], away[..., 1]) < needed).any(axis=(-1, -2))
