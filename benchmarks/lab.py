@@ -198,7 +198,8 @@ def rates(runs: Path) -> dict[str, Any]:
     flown = flights.fly(site, made, start, fresh(runs / "logs" / "rates"), print)
     after = os.times()
     busy = sum(after[:4]) - sum(before[:4])
-    return {**times(flown), "seconds": after.elapsed - before.elapsed, "cpu": busy}
+    load = os.getloadavg()[1]
+    return {**times(flown), "seconds": after.elapsed - before.elapsed, "cpu": busy, "load": load}
 
 
 def document(runs: Path) -> str:
@@ -305,6 +306,7 @@ def rates_table(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
         ["ticks later than 5 ms", f"{one['missed']} of {one['ticks']}"],
         ["ticks of the room that were late", f"{100 * one['late']:.2f} %"],
         ["processor time of all processes", f"{one['cpu'] / one['seconds']:.2f} cores"],
+        ["load of the machine, over its last five minutes", f"{one['load']:.2f}"],
     ]
 
 

@@ -94,9 +94,10 @@ def _fly(fault: Fault, out: Path, base: Breakable, following: Breakable | None =
         if fault.first:
             flight.begin()
         base.tell(chain.site, out)
-        if not fault.first and flight.until(lambda: Mode.MISSION in base.modes(), PATIENCE):
-            flight.until(lambda: False, BEGINS)
-            flight.begin()
+        if not fault.first:
+            flight.until(lambda: Mode.MISSION in base.modes() or base.ended, PATIENCE)
+            if Mode.MISSION in base.modes() and not flight.until(lambda: base.ended, BEGINS):
+                flight.begin()
         flight.watch()
         if following is not None:
             following.start()
@@ -160,8 +161,6 @@ class _Flight:
                     self._unset(cause)
             if event():
                 return True
-            if self.base.ended and not self._killed:
-                return False
             time.sleep(SAMPLE)
         return False
 
@@ -179,6 +178,8 @@ class _Flight:
     def land(self) -> None:
         """Land it if it still flies, and wait until everything is over."""
         self._ordered = time.monotonic()
+        if self._intruder is not None:
+            _end(self._intruder)
         self.base.tell("measure")
         self.base.tell("land")
         if not self._killed and not self.until(lambda: self.base.ended, PATIENCE):

@@ -178,7 +178,7 @@ _TABLE = (
         (Cause("master", "restarted"),),
         inf,
         (ON,),
-        watched=4.0,
+        watched=3.0,
     ),
     Fault(
         "policy-nan",
@@ -213,7 +213,7 @@ _TABLE = (
         inf,
         (ON,),
         heard="cannot write",
-        watched=4.0,
+        watched=3.0,
     ),
     Fault(
         "clock-forwards",
@@ -221,7 +221,7 @@ _TABLE = (
         _base("clock", 3600.0),
         inf,
         (ON,),
-        watched=4.0,
+        watched=3.0,
     ),
     Fault(
         "clock-backwards",
@@ -229,7 +229,7 @@ _TABLE = (
         _base("clock", -3600.0),
         inf,
         (ON,),
-        watched=4.0,
+        watched=3.0,
     ),
     Fault("stop-file", "somebody makes the stop file", (Cause("file", "STOP"),), inf, (HELD,), 0.2),
     # Robots, and who else commands them.

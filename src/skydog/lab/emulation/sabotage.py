@@ -30,7 +30,7 @@ from skydog.world.mission import Shepherd
 from skydog.world.params import World, traced
 from skydog.world.state import State
 
-PATIENCE = 10.0  # s for the pre-flight checks to pass
+PATIENCE = 6.0  # s for the pre-flight checks to pass
 
 
 class Said(NamedTuple):
