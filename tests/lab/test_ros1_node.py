@@ -37,6 +37,24 @@ def test_a_second_publisher_is_named(master):
     node.close()
 
 
+@ros.alone
+def test_a_stop_that_a_stranger_publishes_is_an_order(master):
+    from skydog.flight.supervisor import Order
+    from skydog.lab.orders import Orders
+    from skydog.lab.ros1 import Node
+    from skydog.lab.stop_topic import TOPIC, StopTopic
+
+    node, orders = Node(ros.at(master)), Orders()
+    stop = StopTopic(node, None, orders)
+    stranger = "import rospy\nfrom std_msgs.msg import String\nrospy.init_node('phone')\n"
+    stranger += f"out = rospy.Publisher('{TOPIC}', String, queue_size=1, latch=True)\n"
+    stranger += "out.publish('land')\nrospy.spin()\n"
+    with ros.python(stranger, master):
+        ros.until(lambda: orders.take() == (Order.LAND, f"topic {TOPIC}"))
+    stop.close()
+    node.close()
+
+
 LISTENER = """
 import rospy
 from geometry_msgs.msg import Twist

@@ -1,7 +1,6 @@
-"""A flood of packets that are none: random bytes, and the tracker's own, cut or with a bit flipped.
+"""A flood of packets that are none: random bytes, and the tracker's own, cut off.
 
-No bit of a name or of the head is flipped so that it would be a frame of the tracker: who forges
-those can fly the drone, and no parser helps.
+None is a whole frame with a robot in it: who forges those can fly the drone, and no parser helps.
 """
 
 import contextlib
