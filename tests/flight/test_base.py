@@ -182,6 +182,16 @@ def test_a_landing_drone_flies_aside_from_a_rover_before_it_sinks():
     assert flight.sent.commands.velocity[0, 0, 2] < 0.0
 
 
+def test_a_drone_beside_a_wall_flies_into_the_arena_before_it_lands():
+    flight = Flight(dog=(-0.1, 3.0, UP))
+    flight.fly(0.1, Order.LAND)
+    assert flight.sent.mode[0] == Mode.HOLD
+    assert flight.memory.station.dog_setpoint.origin[0, 0, 0] > UAV.body.radius + base.CLEAR
+    for x in np.linspace(-0.1, 0.65, 60):
+        flight.fly(0.02, frame=a_frame(dog=(x, 3.0, UP)))
+    assert flight.sent.mode[0] == Mode.LANDING
+
+
 def test_a_rover_that_rolls_on_when_told_to_stand_lands_the_drone():
     flight = Flight()
     flight.fly(0.5, Order.HOLD)

@@ -25,9 +25,8 @@ def master():
     it.close()
 
 
-def command(mode, hover=False, velocity=(0.0, 0.0, 0.0), tilt=(0.0, 0.0), yaw=0.0):
-    nowhere = (0.0, 0.0, 0.0)
-    return DroneCommand(mode, hover, velocity, tilt, nowhere, nowhere, yaw)
+def command(mode, hover=False, velocity=(0.0, 0.0, 0.0), tilt=(0.0, 0.0), yaw=0.0, z=0.0):
+    return DroneCommand(mode, hover, velocity, tilt, (0.0, 0.0, 0.0), (0.0, 0.0, z), yaw)
 
 
 # What a command is on each cmd_vel: the simulator's velocity, the real drone's share of its limits.
@@ -46,6 +45,8 @@ TABLE = [
     (Mode.TAKING_OFF, EAST, 3, (1, 0.5, 0.35, 0, 0, 0), (1, 0.5, 0.5, 1, 0, 0)),
     (Mode.LANDING, EAST, 8, (1, 0.5, 0, 0, 0, 0), (0,) * 6),
     (Mode.LANDING, EAST, 3, (1, 0.5, 0, 0, 0, 0), (0,) * 6),
+    (Mode.LANDING, {**EAST, "z": 1.9}, 3, (1, 0.5, 0.35, 0, 0, 0), (1, 0.5, 0.5, 1, 0, 0)),
+    (Mode.LANDING, {**EAST, "z": 1.9, "hover": True}, 3, (0,) * 6, (0,) * 6),
     (Mode.MISSION, EAST, 2, (0,) * 6, (0,) * 6),  # it stands
     (Mode.MISSION, EAST, None, (0,) * 6, (0,) * 6),  # nobody knows
     (Mode.READY, EAST, 3, (0,) * 6, (0,) * 6),
@@ -123,6 +124,24 @@ def _connected(topic):
     topics: Any = get_topic_manager()
     publisher = topics.get_publisher_impl(topic)
     return publisher is not None and publisher.has_connections()
+
+
+@ros.alone
+def test_a_drone_that_is_seen_is_steered_down_and_told_to_land_near_the_floor(master):
+    from skydog.lab.ros1 import ArdroneAutonomy, Node
+
+    node = Node(ros.at(master))
+    drone = ArdroneAutonomy(node, UAV)
+    pressed = hears(node, "land")
+    says(node)(drone, 3)
+    for now, z in enumerate((2.0, 1.0, 0.7)):
+        drone.send(command(Mode.LANDING, z=z), float(now))
+    assert not pressed["land"]
+    drone.send(command(Mode.LANDING, z=0.5), 3.0)
+    ros.until(lambda: len(pressed["land"]) == 1)
+    drone.send(command(Mode.LANDING, z=2.0, hover=True), 4.0)
+    ros.until(lambda: len(pressed["land"]) == 2)
+    node.close()
 
 
 @ros.alone

@@ -306,9 +306,15 @@ class BaseStation:
             missed=self._times.missed + (late > LATE),
             blind=max(self._times.blind, oldest) if flies_on else self._times.blind,
         )
-        blind = mode in IN_AIR and oldest > self.made.base.limits.alarm
+        limits = self.made.base.limits
+        blind = mode in IN_AIR and oldest > limits.alarm
         if blind and not self._alarmed:
-            self.say("ALARM: nobody sees it; it lands blind. Cut its motors by E if it does not")
+            lost = [
+                n for n, age in zip(self._names, sent.age[0], strict=True) if age > limits.alarm
+            ]
+            self.say(
+                f"ALARM: {', '.join(lost)} not seen. See that it lands, or cut its motors by E"
+            )
         self._alarmed = blind
 
     def _view(

@@ -28,6 +28,7 @@ FLIES = (FLYING, HOVERING, TO_FIX_POINT)
 LEVEL, CLIMB, TURN = 2.0, 0.5, 1.5  # m/s, m/s, rad/s: the limits of tum_simulator's PIDs
 TILT, FRACTION_CLIMB, FRACTION_TURN = 0.21, 0.7, 1.75  # rad, m/s, rad/s: ardrone.launch's limits
 YAW_GAIN = 1.0  # 1/s, of the loop that holds yaw at 0; ours
+LANDS_ITSELF = 0.6  # m: a lower drone is told to land, a higher one sinks as it is steered; ours
 NO_HOVER = 1.0  # in angular.x it keeps ardrone_autonomy from hovering by itself
 
 
@@ -84,7 +85,8 @@ class _ARDrone:
         # Neither in an emergency: a real drone keeps the wish, and takes off when it is reset.
         if command.mode is Mode.TAKING_OFF and state and state not in FLIES:
             self._take_off.press(now)
-        if command.mode in (Mode.LANDING, Mode.EMERGENCY) and state != LANDED:
+        lands = command.mode is Mode.LANDING and not steered(command)
+        if (lands or command.mode is Mode.EMERGENCY) and state != LANDED:
             self._land.press(now)
         publish(self._twist, _twist(self._six(command, state)))
 
@@ -230,9 +232,9 @@ def navdata() -> type[Any]:
 def simulator_twist(command: DroneCommand, state: int | None) -> Six:
     """Velocity in m/s along and across its heading, climb in m/s, and what holds its yaw at 0.
 
-    Its landing has a speed of its own, and obeys the rest.
+    Its own landing has a speed of its own, and obeys the rest.
     """
-    lands = command.mode is Mode.LANDING
+    lands = command.mode is Mode.LANDING and not steered(command)
     if command.hover or not _obeys(command.mode) or state not in (*FLIES, LANDING):
         return STILL
     x, y = ahead(*command.velocity[:2], command.yaw)
@@ -244,9 +246,9 @@ def simulator_twist(command: DroneCommand, state: int | None) -> Six:
 def driver_twist(command: DroneCommand, state: int | None) -> Six:
     """Tilt forward and to the left, climb and turn, each as a share of its limit.
 
-    All zeros, it hovers by its own sensors: when it is to, and while it lands.
+    All zeros, it hovers by its own sensors: when it is to, and while it lands by itself.
     """
-    stands = command.hover or command.mode is Mode.LANDING
+    stands = command.hover or (command.mode is Mode.LANDING and not steered(command))
     if stands or not _obeys(command.mode) or state not in FLIES:
         return STILL
     roll, pitch = command.tilt
@@ -254,6 +256,11 @@ def driver_twist(command: DroneCommand, state: int | None) -> Six:
     climb = bounded(command.velocity[2] / FRACTION_CLIMB, 1.0)
     turn = bounded(-YAW_GAIN * command.yaw / FRACTION_TURN, 1.0)
     return Six(bounded(x / TILT, 1.0), bounded(y / TILT, 1.0), climb, NO_HOVER, 0.0, turn)
+
+
+def steered(command: DroneCommand) -> bool:
+    """Whether a landing drone is steered, seen and high as it is: left to itself it drifts."""
+    return not command.hover and command.position[2] > LANDS_ITSELF
 
 
 def bounded(value: float, most: float) -> float:
