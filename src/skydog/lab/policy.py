@@ -15,6 +15,7 @@ from skydog.world import mission, params
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
+from skydog.world.vectors import column
 
 LONGEST_SELF_TEST = 60.0  # s: the first decision is compiled
 TESTS = 4  # decisions of a self-test
@@ -53,12 +54,11 @@ class Policy:
 
     def __init__(self, world: World, shepherd: Shepherd, sheep: int, dogs: int):
         self.problem: str | None = None
-        self._speed = np.asarray(world.sheep.speed, float)
         self._period = float(world.arena.dt)
         self._sheep, self._dogs = sheep, dogs
         # World and shepherd are constants of what is compiled: a tenth of the time of a call.
         world, shepherd = params.traced(world), params.traced(shepherd)
-        self._decide = jax.jit(lambda *seen: _decide(world, shepherd, *seen))
+        self._decide = jax.jit(lambda given: _decide(world, shepherd, dogs, given))
         self._asked: Seen | None = None
         self._answered: Answer | None = None
         self._lock = threading.Lock()  # so that no older answer passes for the newest
@@ -127,24 +127,15 @@ class Policy:
                     self._done.set()
 
     def _answer(self, seen: Seen, began: float) -> Answer:
-        found = np.asarray(
-            self._decide(
-                *(np.asarray(part, np.float32) for part in (seen.sheep, seen.dogs, seen.force))
-            )
-        )
-        pairs = found[:-1].reshape(-1, 2)
-        dogs, sheep = self._dogs, self._sheep
-        velocity, wanted, subgoal, drives, force = np.split(
-            pairs, np.cumsum([dogs, dogs, dogs, dogs])
-        )
-        # A dog hovers on what is no number (`mission.limited`); the supervisor is to know of it.
-        moves = np.where(np.isfinite(wanted).all(), velocity, np.nan)
-        speed = self._speed[..., None] if self._speed.ndim else self._speed
-        pushed = force.reshape(sheep, 2) * speed
+        given = np.concatenate([seen.sheep, seen.dogs, seen.force], dtype=np.float32)
+        found = np.asarray(self._decide(given))
+        dogs, rows = self._dogs, found[:-1].reshape(-1, 2)
+        velocity, subgoal, drives = rows[:dogs], rows[dogs : 2 * dogs], rows[2 * dogs : 3 * dogs]
+        force, pushed = rows[3 * dogs : -self._sheep], rows[-self._sheep :]
         return Answer(
             seen.step,
-            Decision(velocity, force, subgoal, drives[:, 0] > 0.5),
-            Decided(np.asarray(moves, float)[None], np.asarray(pushed, float)[None]),
+            Decision(np.nan_to_num(velocity), force, subgoal, drives[:, 0] > 0.5),
+            Decided(velocity[None].astype(float), pushed[None].astype(float)),
             bool(found[-1] > 0.5),
             time.monotonic() - began,
         )
@@ -157,21 +148,22 @@ def _in_a_line(problem: Exception) -> str:
 
 
 def _decide(
-    world: World,
-    shepherd: Shepherd,
-    sheep: Float[Array, "sheep 2"],
-    dogs: Float[Array, "dogs 2"],
-    force: Float[Array, "sheep 2"],
+    world: World, shepherd: Shepherd, dogs: int, given: Float[Array, "rows 2"]
 ) -> Float[Array, " numbers"]:
-    """All that is decided, in one array, since each that comes back takes its time.
+    """All that is decided, in one array, since each that goes or comes takes its time.
 
-    Rows of two: the dogs' velocities, those wanted before they were limited, subgoals, and whether
-    each drives; the sheep's forces. The last number is whether all are home.
+    Given are rows of two: sheep, dogs, forces. What comes is, too: the dogs' velocities, subgoals,
+    whether each drives; the sheep's forces, and at what velocities those push them. The last
+    number is whether all are home.
     """
-    state = State(sheep=sheep, dogs=dogs, force=force)
+    sheep = (len(given) - dogs) // 2
+    state = State(given[:sheep], given[sheep : sheep + dogs], given[sheep + dogs :])
     wanted = shepherd(world, state)
     decided = mission.decide(world, lambda *_: wanted, state)
+    # A dog hovers on what is no number (`mission.limited`); the supervisor is to know of it.
+    velocity = jnp.where(jnp.isfinite(wanted).all(), decided.velocity, jnp.nan)
     drives = jnp.repeat(decided.drives.astype(jnp.float32), 2).reshape(-1, 2)
-    rows = (decided.velocity, wanted, decided.subgoal, drives, decided.force)
+    pushed = column(world.sheep.speed, sheep) * decided.force
+    rows = (velocity, decided.subgoal, drives, decided.force, pushed)
     home = mission.accomplished(world, state).astype(jnp.float32)
     return jnp.concatenate([jnp.concatenate(rows).ravel(), home[None]])
