@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import pytest
+from realtime import in_real_time
 
 pytest.importorskip("rosbags", reason="skydog[lab] is not installed")
 
@@ -154,10 +155,15 @@ def finite(numbers):
 
 def test_a_flight_over_dds_holds_while_nothing_is_seen_and_a_stranger_understands_it(tmp_path):
     pytest.importorskip("cyclonedds", reason="skydog[lab] is not installed")
-    with laboratory("dds", tmp_path) as (chain, flight), strangers(chain.site.dds) as heard:
-        ended = fly_through_a_silence(chain, flight)
-        told, words = heard()
-    judge(chain, flight, ended, tmp_path / "flight")
+
+    def flown(folder):
+        with laboratory("dds", folder) as (chain, flight), strangers(chain.site.dds) as heard:
+            ended = fly_through_a_silence(chain, flight)
+            said = heard()
+        judge(chain, flight, ended, folder / "flight")
+        return said
+
+    told, words = in_real_time(flown, tmp_path)
     assert set(told) == {"uav1", "ugv1", "ugv2", "ugv3"}
     for twists in told.values():
         assert all(map(finite, twists))
@@ -229,13 +235,18 @@ def test_a_flight_over_ros_1_holds_while_nothing_is_seen_and_a_stranger_understa
     pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see make ros")
     rovers = [f"/ugv{number}/cmd_vel" for number in (1, 2, 3)]
     words = ["/ardrone/takeoff", "/ardrone/land", "/ardrone/reset"]
-    with (
-        laboratory("ros1", tmp_path) as (chain, flight),
-        listener(chain.site.ros1.master, [*rovers, "/cmd_vel", *words]) as heard,
-    ):
-        ended = fly_through_a_silence(chain, flight)
-        told = heard()
-    judge(chain, flight, ended, tmp_path / "flight")
+
+    def flown(folder):
+        with (
+            laboratory("ros1", folder) as (chain, flight),
+            listener(chain.site.ros1.master, [*rovers, "/cmd_vel", *words]) as heard,
+        ):
+            ended = fly_through_a_silence(chain, flight)
+            said = heard()
+        judge(chain, flight, ended, folder / "flight")
+        return said
+
+    told = in_real_time(flown, tmp_path)
     for topic in (*rovers, "/cmd_vel"):
         assert told[topic]
         assert all(map(finite, told[topic]))

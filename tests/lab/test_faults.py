@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from realtime import in_real_time
 
 from skydog.errors import Refusal
 from skydog.flight.limits import Limits
@@ -127,5 +128,8 @@ def test_a_fault_flown_through_the_whole_chain_ends_as_the_table_says(name, tmp_
     pytest.importorskip("rosmaster", reason="rosmaster of ROS 1 is not here; see make ros")
     from skydog.lab.emulation import campaign
 
-    row = campaign.fly(name, tmp_path / name)
-    assert row.as_expected, row.problem
+    def flown(folder):
+        row = campaign.fly(name, folder)
+        assert row.as_expected, row.problem
+
+    in_real_time(flown, tmp_path)
