@@ -66,6 +66,6 @@ def test_ctrl_c_is_a_stop_and_sigterm_lands(monkeypatch):
         os.kill(os.getpid(), signal.SIGINT)
         assert orders.take() == (Order.STOP, "Ctrl-C")
         os.kill(os.getpid(), signal.SIGTERM)
-        assert orders.take() == (Order.LAND, "SIGTERM")
+        assert orders.take() == (Order.LAND, "a signal to end")
     assert orders.quits
     assert signal.getsignal(signal.SIGINT) == before

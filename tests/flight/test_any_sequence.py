@@ -27,7 +27,7 @@ class Sequences:
             CAGE,
             CAGE,
             (-0.5, 3.0),
-            silence=0.4,
+            silence=0.15,
             longest_hold=0.2,
             longest_take_off=0.2,
             runs_for=0.02,
@@ -75,6 +75,8 @@ class Sequences:
             np.where(self.chance(0.98, 1), 1.0, self.rng.random((AT_ONCE, 1))),
             self.chance(0.01),
             self.chance(0.1, 1),
+            self.chance(0.5, 1),
+            self.chance(0.01),
             self.chance(0.01),
         )
 

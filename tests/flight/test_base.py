@@ -119,12 +119,66 @@ def test_a_policy_that_is_silent_or_has_no_number_holds():
         ({"battery": np.array([[0.1]])}, "battery low"),
         ({"others": np.array([True])}, "second publisher"),
         ({"over": np.array([True])}, "mission over"),
+        ({"lost": np.array([True])}, "drone lost"),
+        ({"landed": np.array([[True]])}, "drone stands"),
     ],
 )
 def test_what_ends_a_flight_lands_it(told, event):
     flight = Flight()
     assert flight.fly(0.02, **told) == Mode.LANDING
     assert flight.log[-1][1] == event
+
+
+def test_a_drone_that_somebody_takes_down_is_not_taken_off_again():
+    for before in (Order.NONE, Order.HOLD):
+        flight = Flight()
+        flight.fly(0.2, before)
+        frame = flight.frame
+        for height in np.arange(UP, 0.5, -0.02):
+            flight.fly(0.02, frame=(frame := a_frame(dog=(2.0, 2.0, height))))
+        assert flight.fly(0.5, Order.RESUME, frame=frame) == Mode.LANDING
+        assert flight.log[-1][1] == "drone too low"
+
+
+def test_a_rover_that_turns_about_at_once_is_not_seen():
+    flight = Flight()
+    flight.fly(0.2)
+    flipped = a_frame()._replace(yaw=np.array([[np.pi, 0.0]]))
+    assert flight.fly(0.6, frame=flipped) == Mode.LANDING
+    assert [event for _, event in flight.log] == ["eyes stale", "eyes stale long"]
+
+
+def test_a_base_station_that_stood_still_lands():
+    flight = Flight()
+    flight.fly(0.2)
+    flight.now += 0.7
+    assert flight.fly(DT) == Mode.LANDING
+    assert flight.log[-1][1] == "eyes stale long"
+
+
+def test_a_drone_beyond_the_fence_sinks_where_it_is_whoever_is_below():
+    over = ((6.6, 2.0), (5.0, 4.0))
+    flight = Flight(dog=(6.65, 2.0, UP), sheep=over)
+    flight.fly(0.1)
+    flight.fly(0.5, frame=a_frame(dog=(6.8, 2.0, UP), sheep=over))
+    assert flight.sent.mode[0] == Mode.LANDING
+    assert flight.sent.commands.velocity[0, 0, 2] < 0.0
+
+
+def test_a_hold_beyond_the_soft_fence_holds_within_it():
+    flight = Flight(dog=(6.5, 2.0, UP))
+    flight.fly(0.1, Order.HOLD)
+    assert flight.memory.station.dog_setpoint.origin[0, 0, 0] == 6.2
+
+
+def test_a_drone_that_says_that_it_flies_has_not_landed_however_low_it_is():
+    flight = Flight()
+    flight.fly(0.1, Order.LAND)
+    for height in np.arange(UP, ON_PAD, -0.02):
+        flight.fly(0.02, frame=a_frame(dog=(2.0, 2.0, height)), flies=np.array([[True]]))
+    down = a_frame(dog=(2.0, 2.0, ON_PAD))
+    assert flight.fly(0.5, frame=down, flies=np.array([[True]])) == Mode.LANDING
+    assert flight.fly(0.5, frame=down) == Mode.DISARMED
 
 
 def test_a_drone_that_is_seen_outside_the_cage_lands():

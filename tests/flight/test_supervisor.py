@@ -11,6 +11,7 @@ QUIET = {name: np.array([False]) for name in EVENTS if not name.startswith("oper
     "ready": np.array([True]),
     "well": np.array([True]),
     "at height": np.array([False]),
+    "climbing": np.array([False]),
 }
 
 

@@ -58,7 +58,7 @@ def test_the_table_of_transitions_is_the_supervisors():
 
 
 def test_the_limits_are_those_that_ship():
-    rows = re.findall(r"^\| `(\w+)` \| ([\d.]+) ?(?:m|s|m/s)? \|", LAB, re.M)
+    rows = re.findall(r"^\| `(\w+)` \| ([\d.]+) ?(?:m|s|m/s|rad|rad/s)? \|", LAB, re.M)
     ship = {one.name: one.default for one in fields(Limits) if one.default is not MISSING}
     told = {name: float(value) for name, value in rows}
     set_by_sites_and_profiles = {"silence", "drone_speed", "rover_speed"}

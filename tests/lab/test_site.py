@@ -129,9 +129,20 @@ def test_a_site_has_at_most_8_drones_and_50_rovers():
     assert "got 1 and 0" in refused("ugv = []\n" + without("[[ugv]]"))
 
 
-def test_drones_of_several_profiles_are_refused():
-    more = '[[uav]]\nname = "uav2"\nadapter = "twist-dds"\nprofile = "crazyflie"\n'
-    assert "all uav of a site have one profile" in refused(LAB + more)
+def test_a_second_drone_is_refused_that_would_land_through_the_first():
+    more = '[[uav]]\nname = "uav2"\nadapter = "twist-dds"\n'
+    assert "a site has 1 uav and 1 to 50 ugv, got 2" in refused(LAB + more)
+
+
+@pytest.mark.parametrize("topic", ["/bad topic!_in", "a//b", "/1st", "x" * 300])
+def test_a_topic_that_is_no_name_of_one_is_refused(topic):
+    refused(LAB.replace("[[uav]]", f'[[uav]]\ntopic = "{topic}"', 1))
+
+
+def test_a_cage_without_the_floor_is_refused():
+    import re
+
+    assert "above the floor" in refused(re.sub(r"z = \[[^]]*\]", "z = [1.0, 3.0]", LAB))
 
 
 @pytest.mark.parametrize(

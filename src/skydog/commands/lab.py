@@ -102,7 +102,10 @@ def lab(
 
 
 def _home(out: Path | None) -> Path:
-    return out or Path("runs") / "lab" / time.strftime("flight-%Y%m%d-%H%M%S")
+    home = out or Path("runs") / "lab" / time.strftime("flight-%Y%m%d-%H%M%S")
+    if home.exists():
+        raise Refusal(f"{home} is there already; choose another folder for the log")
+    return home
 
 
 def _fly(path: Path, log: Path) -> tuple["Outcome | None", Path]:
@@ -159,6 +162,8 @@ def _emulate(
 
     if not 0.0 < speed <= 1.0:
         raise Refusal(f"--speed is a share from 0 to 1, got {speed:g}; try --speed 0.5")
+    if not 0 <= seed < 1 << 63:
+        raise Refusal(f"--seed is from 0 to 2^63 - 1, got {seed}; try --seed 1")
     if not 1 <= steps <= 100_000:
         raise Refusal(f"there are 1 to 100,000 steps, got {steps}; try --steps 1000")
     Twin(disturb=disturb, wait=wait).check()
@@ -205,7 +210,7 @@ def _board(site: "Site") -> Any:
 
 @contextmanager
 def _operator(orders: "Orders") -> Iterator[None]:
-    """Keys give orders, and signals do not kill what flies: Ctrl-C is a stop, SIGTERM lands."""
+    """Keys give orders, and signals do not kill what flies: Ctrl-C is a stop, others land."""
     from skydog.flight.supervisor import Order
     from skydog.lab.orders import Keys
 
@@ -215,11 +220,11 @@ def _operator(orders: "Orders") -> Iterator[None]:
 
     def land(*_: object) -> None:
         orders.quits = True
-        orders.give(Order.LAND, "SIGTERM")
+        orders.give(Order.LAND, "a signal to end")
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, land)
+    heard = {signal.SIGINT: stop, signal.SIGQUIT: stop, signal.SIGTSTP: stop}
+    heard |= {signal.SIGTERM: land, signal.SIGHUP: land}  # a terminal that is closed lands, too
+    before = {number: signal.signal(number, handler) for number, handler in heard.items()}
     try:
         with Keys(orders):
             yield

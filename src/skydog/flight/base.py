@@ -61,7 +61,9 @@ class Told(NamedTuple):
     ready: Bool[np.ndarray, "*batch"]  # whether the pre-flight checks pass
     battery: Float[np.ndarray, "*batch dogs"]  # share
     others: Bool[np.ndarray, "*batch"]  # whether somebody else commands a robot
-    landed: Bool[np.ndarray, "*batch dogs"]  # as the drones say themselves
+    landed: Bool[np.ndarray, "*batch dogs"]  # the drones say that they stand
+    flies: Bool[np.ndarray, "*batch dogs"]  # they say that they fly; silent ones say neither
+    lost: Bool[np.ndarray, "*batch"]  # one says that it has no link, or an emergency
     over: Bool[np.ndarray, "*batch"]  # whether the mission is
 
 
@@ -84,6 +86,8 @@ def all_well(shape: tuple[int, ...], dogs: int, order: Order = Order.NONE) -> To
         np.ones((*shape, dogs)),
         no,
         np.zeros((*shape, dogs), bool),
+        np.zeros((*shape, dogs), bool),
+        no,
         no,
     )
 
@@ -150,6 +154,8 @@ def _happens(
     limits, known = base.limits, memory.station
     at, watched = known.dogs.position, memory.supervisor
     oldest = age.max(axis=-1)
+    # A base station that stood still was blind as long.
+    stood = now - memory.now > limits.blind
     for_so_long = now - watched.since
     spans = (limits.x, limits.y, limits.z)
     out = [(at[..., axis] < span[0]) | (at[..., axis] > span[1]) for axis, span in enumerate(spans)]
@@ -161,9 +167,11 @@ def _happens(
     moving = np.hypot(known.sheep.velocity[..., 0], known.sheep.velocity[..., 1])
     runs = (moving > limits.runaway) & (now - memory.told > limits.runs_for)
     on_floor = (at[..., 2] - memory.pad < ON_FLOOR) & (age[..., : at.shape[-2]] <= limits.stale)
+    on_floor = on_floor & ~told.flies
+    climbing = (memory.hold < base.height - AT_HEIGHT).any(axis=-1)
     happens = {
         "hard fence": outside,
-        "eyes stale long": oldest > limits.blind,
+        "eyes stale long": (oldest > limits.blind) | stood,
         "battery low": (told.battery < limits.battery).any(axis=-1),
         "second publisher": told.others,
         "a rover runs away": runs.any(axis=-1),
@@ -173,7 +181,10 @@ def _happens(
         "landed": (told.landed | on_floor).all(axis=-1) & (for_so_long > 1.0),
         "eyes stale": stale,
         "policy silent": silent,
-        "drone too low": low,
+        "drone too low": low & ~climbing,
+        "drone lost": told.lost,
+        "drone stands": told.landed.any(axis=-1),
+        "climbing": climbing,
         "ready": told.ready & ~stale,
         "well": ~stale & ~silent,
         "at height": high,
@@ -199,9 +210,11 @@ def _entered(
     takes_off &= (change.before == Mode.READY)[..., None]
     begins = entered & (watched.mode == Mode.MISSION)
     stops = entered & (watched.mode > Mode.MISSION)
-    climbing = (change.before == Mode.TAKING_OFF)[..., None]
+    climbing = (stops & (change.before == Mode.TAKING_OFF))[..., None]
     held = np.where(climbing, np.minimum(base.height, here[..., 2]), base.height)
     stood = station.stand(base.station, memory.station)
+    held_at = clipped(stood.dog_setpoint.origin, *base.airspace)
+    stood = stood._replace(dog_setpoint=setpoints.stand(held_at))
     # Who takes off may have been carried since it was seen first: its loops begin anew.
     level = np.zeros_like(stood.lag)
     begun = stood._replace(lag=level, trim=level, command=np.zeros_like(stood.command))
@@ -209,7 +222,7 @@ def _entered(
         station=_where(takes_off[..., 0], begun, _where(stops, stood, memory.station)),
         decided=np.where(begins, now, memory.decided),
         pad=np.where(takes_off, believed.dogs[..., 2], memory.pad),
-        hold=np.where(stops[..., None], held, memory.hold),
+        hold=np.where((stops | begins)[..., None], held, memory.hold),
     )
 
 
@@ -296,6 +309,11 @@ def _clear(
     away = here[..., :, None, :] - known.sheep.position[..., None, :, :]
     covers = (np.hypot(away[..., 0], away[..., 1]) < needed).any(axis=(-1, -2))
     covers |= ((here < least) | (here > most)).any(axis=(-1, -2))
+    x, y = base.limits.x, base.limits.y
+    # Who is beyond the fence comes down there, rather than fly on by poses that may be wrong.
+    inside = (here[..., 0] >= x[0]) & (here[..., 0] <= x[1])
+    inside &= (here[..., 1] >= y[0]) & (here[..., 1] <= y[1])
+    covers &= inside.all(axis=-1)
     clearing = (mode == Mode.LANDING) & covers & (landing_for < CLEARS_FOR) & ~blind.any(axis=-1)
     lands = (mode == Mode.LANDING)[..., None, None]
     origin = np.where(lands, spot, known.dog_setpoint.origin)

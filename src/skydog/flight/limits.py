@@ -26,6 +26,8 @@ class Limits:
     jump: float = 0.15  # m; ours: less than a third of what separates two rovers
     drone_speed: float = 3.0  # m/s
     rover_speed: float = 0.75  # m/s
+    turn: float = 0.6  # rad that a rover may turn beyond what its turn rate allows; ours
+    turn_rate: float = 4.7  # rad/s
     remembers: float = 0.25  # s: nothing is believed further away than in that time
     # What a rover may do that is told to stand, before it is said to run away; and for how long.
     runaway: float = 0.15  # m/s; ours: slower than any that herds

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from skydog.flight.limits import Limits
+from skydog.flight.rovers import wrapped
 from skydog.flight.station import Frame
 
 
@@ -44,7 +45,9 @@ def gate(
     driven = limits.jump + limits.rover_speed * for_long[..., dogs:]
     dogs_seen = frame.dogs_seen & _near(frame.dogs, before.dogs, flown, free)
     sheep_seen = frame.sheep_seen & _near(frame.sheep, before.sheep, driven, free)
-    sheep_seen = sheep_seen & np.isfinite(frame.yaw)
+    turned = np.abs(wrapped(np.where(np.isfinite(frame.yaw), frame.yaw, 0.0) - before.yaw))
+    may_turn = limits.turn + limits.turn_rate * for_long[..., dogs:]
+    sheep_seen = sheep_seen & np.isfinite(frame.yaw) & ((turned <= may_turn) | free)
     believed = Believed(
         np.where(dogs_seen[..., None], frame.dogs, before.dogs),
         np.where(sheep_seen[..., None], frame.sheep, before.sheep),

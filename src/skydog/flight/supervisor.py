@@ -45,6 +45,9 @@ EVENTS = (
     "hard fence",
     "eyes stale long",  # `Limits.blind`
     "battery low",
+    "drone lost",  # it says itself that it has no link, or an emergency
+    "drone stands",  # it says itself that it does not fly: somebody has put it down
+    "drone too low",
     "second publisher",
     "a rover runs away",
     "hold too long",
@@ -55,7 +58,6 @@ EVENTS = (
     "operator: hold",
     "eyes stale",  # `Limits.stale`
     "policy silent",
-    "drone too low",
     "operator: disarm",
     "not ready",
     "operator: arm",
@@ -71,6 +73,7 @@ _LAND = (
     "hard fence",
     "eyes stale long",
     "battery low",
+    "drone lost",
     "second publisher",
     "a rover runs away",
     "mission over",
@@ -92,7 +95,10 @@ TRANSITIONS: dict[tuple[Mode, str], Mode] = {
     (_M.MISSION, "operator: hold"): _M.HOLD,
     (_M.MISSION, "eyes stale"): _M.HOLD,
     (_M.MISSION, "policy silent"): _M.HOLD,
-    (_M.MISSION, "drone too low"): _M.HOLD,
+    (_M.MISSION, "drone stands"): _M.LANDING,
+    (_M.MISSION, "drone too low"): _M.LANDING,
+    (_M.HOLD, "drone stands"): _M.LANDING,
+    (_M.HOLD, "drone too low"): _M.LANDING,  # unless it holds in a take-off
     (_M.HOLD, "well again"): _M.MISSION,  # never from an operator's hold: that wants "resume"
     (_M.HOLD, "well again, low"): _M.TAKING_OFF,
     (_M.HOLD, "operator: stop"): _M.LANDING,
@@ -140,7 +146,8 @@ def step(
     """The supervisor's next memory, and what changed.
 
     `happens` tells which of `EVENTS` are the case, an operator's apart; "ready" is the pre-flight
-    gate, without which nothing arms or takes off, and "well" tells that nothing asks to hold.
+    gate, without which nothing arms or takes off, "well" tells that nothing asks to hold, and
+    "climbing" that a hold has interrupted a take-off.
     """
     mode = memory.mode
     resumed = order == Order.RESUME
@@ -157,7 +164,7 @@ def step(
         "operator: arm": (order == Order.ARM) & ready,
         "operator: take off": (order == Order.TAKE_OFF) & ready,
         "well again": well & high,
-        "well again, low": well & ~high,
+        "well again, low": well & happens["climbing"] & ~high,
     }
     happening = np.stack(
         [np.broadcast_to(said.get(name, happens.get(name, False)), mode.shape) for name in EVENTS],

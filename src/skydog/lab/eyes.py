@@ -19,6 +19,8 @@ from skydog.lab.site import Mocap, Site, UAVSite, UGVSite
 STALE = 0.1  # s: a pose that came longer ago is no longer where a body is; MRS UAV system
 FURTHEST = 1000.0  # m from the tracker's origin, on an axis
 UNIT = 0.01  # by which the length of a quaternion may differ from 1
+TURNS = 1.0  # rad by which a drone, which holds its yaw, may turn between two poses; ours
+FORGETS = 10.0  # s after which it may have been turned by hand
 HIGHEST = 0.6  # m above or below the floor: a rover that is there was mistaken for a drone
 
 
@@ -56,7 +58,12 @@ class _Watched:
         position, attitude = to_world(mocap, self.robot, body.position, _unit(body.attitude))
         if not self.drone and abs(position[2]) > HIGHEST:
             return "too high"
-        self.position, self.yaw, self.came = position, _yaw(attitude), body.came
+        yaw = _yaw(attitude)
+        # Rovers turn fast: `skydog.flight.outliers` knows how fast.
+        turned_by = abs(math.remainder(yaw - self.yaw, math.tau)) if self.drone else 0.0
+        if turned_by > TURNS and now - self.came < FORGETS:
+            return "turned about"
+        self.position, self.yaw, self.came = position, yaw, body.came
         return None
 
 

@@ -22,13 +22,15 @@ from skydog.lab.orders import Gamepad, Orders, StopFile
 from skydog.lab.policy import Answer, Policy, Seen
 from skydog.lab.preflight import Check
 from skydog.lab.setup import Setup
-from skydog.lab.site import Site
+from skydog.lab.site import Site, UAVSite
 from skydog.lab.wires import Wires
 from skydog.world.trace import ACCOMPLISHED, ENDINGS, OUT_OF_TIME, STOPPED
 
 LATE = 0.5 * DT  # s by which a tick may come late before its deadline counts as missed
 PATIENCE = 0.004  # s that a tick waits for a decision; one that takes longer comes a tick later
 SHOWS = 0.1  # s between views
+GIVES_UP = 20.0  # s for which a drone that nobody sees is told to land
+SINKS = 0.3  # m/s, meanwhile
 IN_AIR = (Mode.TAKING_OFF, Mode.MISSION, Mode.HOLD, Mode.LANDING)
 
 
@@ -100,6 +102,8 @@ class BaseStation:
         self._times = Times([], [], [], 0, 0.0)
         self._show_due = self._asked = -inf
         self._alarmed = self._over = self._waits = False
+        self._airborne = 0.0  # s
+        self._ticked = inf  # s: when the tick before was
         self._problem: str | None = None
         self._how = STOPPED
         self._force = np.zeros((len(site.ugv), 2), np.float32)  # of the latest that was flown
@@ -122,12 +126,35 @@ class BaseStation:
                     now = time.monotonic()
                 late = now - due
                 due = now + DT if abs(late) > DT else due + DT + 0.1 * late
-                mode = self._tick(now, late)
+                try:
+                    mode = self._tick(now, late)
+                except Exception:  # whatever it is: nothing may stay in the air without us
+                    self._abandon()
+                    raise
                 if until(self) and mode == Mode.DISARMED:
+                    return self._outcome()
+                if self.orders.quits and self.memory.now - self.look_out.last_seen > GIVES_UP:
+                    self.say("nobody has been seen for long: the operator leaves")
                     return self._outcome()
         finally:
             if self._gamepad is not None:
                 self._gamepad.close()
+
+    def _abandon(self) -> None:
+        """Land every drone by its own means, and stop every rover."""
+        still = (0.0, 0.0, 0.0)
+        command = DroneCommand(
+            Mode.LANDING, True, (0.0, 0.0, -SINKS), (0.0, 0.0), still, still, 0.0
+        )
+        end = time.monotonic() + GIVES_UP
+        while time.monotonic() < end:
+            for drone in self.wires.drones:
+                drone.send(command, time.monotonic())
+            for rover in self.wires.rovers:
+                rover.send(0.0, 0.0, time.monotonic())
+            if all(drone.status().flying is False for drone in self.wires.drones):
+                return
+            time.sleep(2 * DT)
 
     def say(self, text: str) -> None:
         """Note something down, on the screen and in the log."""
@@ -165,7 +192,7 @@ class BaseStation:
         if now - self._asked >= self._period - 0.2 * DT:
             self._ask(now)
         answer = self.policy.answer(PATIENCE) if self._waits else None
-        order, by = self.orders.take()
+        order, by = self._order(stopped)
         moves = None if answer is None else answer.moves
         self.memory, sent = base.step(
             self.made.base, self.memory, _batch(sighting), self._told(status, order), moves, now
@@ -205,16 +232,32 @@ class BaseStation:
         self._gamepad.look(now)
         return self._stop_file.problem or self._gamepad.problem
 
+    def _order(self, stopped: str) -> tuple[Order, str]:
+        """The next order; none that starts anything while a stop is pulled."""
+        order, by = self.orders.take()
+        if stopped and order in (Order.ARM, Order.TAKE_OFF, Order.RESUME):
+            self.say(f"{_plain(order.name)} by {by} refused: {stopped}")
+            return Order.NONE, ""
+        return order, by
+
     def _told(self, status: tuple[Status, ...], order: Order) -> Told:
         """What the supervisor is told besides poses and decisions."""
         return Told(
             np.array([int(order)]),
             np.array([self.look_out.ready]),
-            np.array([[1.0 if said.battery is None else said.battery for said in status]]),
+            np.array([[self._battery(*each) for each in zip(self.site.uav, status, strict=True)]]),
             np.array([any(self.look_out.others.values())]),
             np.array([[said.flying is False for said in status]]),
+            np.array([[said.flying is True for said in status]]),
+            np.array([any(said.emergency or not said.connected for said in status)]),
             np.array([self._over]),
         )
+
+    def _battery(self, uav: UAVSite, said: Status) -> float:
+        """The share that is left: as the drone says, or by the minutes that it lasts."""
+        if said.battery is None:
+            return 1.0 - self._airborne / (60.0 * uav.battery_minutes)
+        return said.battery if said.battery == said.battery else 0.0
 
     def _ask(self, now: float) -> None:
         """Let the shepherd decide, at the mission's own rate."""
@@ -300,7 +343,10 @@ class BaseStation:
         self._times.jitter.append(late)
         if latency == latency:
             self._times.latency.append(latency)
-        oldest = float(sent.age.max())
+        # A base station that stood still was as blind as with its eyes shut.
+        oldest = max(float(sent.age.max()), self.memory.now - self._ticked)
+        self._ticked = self.memory.now
+        self._airborne += DT if mode in IN_AIR else 0.0
         flies_on = mode in IN_AIR and mode != Mode.LANDING
         self._times = self._times._replace(
             missed=self._times.missed + (late > LATE),

@@ -1,5 +1,6 @@
 """What is looked at less often than poses: the pre-flight gate, other publishers, stuck rovers."""
 
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import inf
@@ -28,8 +29,11 @@ class Lookout:
     def __init__(self, site: Site, made: Setup, wires: Wires, say: Callable[[str], None]):
         self.checks: list[Check] = []
         self.others: dict[str, tuple[str, ...]] = {}
+        self.last_seen = time.monotonic()  # s: when anybody was seen
         self._site, self._made, self._wires, self._say = site, made, wires, say
         self._names = [robot.name for robot in (*site.uav, *site.ugv)]
+        # Rovers with a flock of their own are commanded by others, and not by us.
+        self._ours = (*site.uav, *(site.ugv if site.mission.flock == "base station" else ()))
         self._came: list[deque[float]] = [deque(maxlen=1000) for _ in self._names]
         self._gate_due = self._others_due = -inf
         self._where = np.full((len(site.ugv), 2), np.nan)  # m: where each was when it last moved
@@ -59,6 +63,7 @@ class Lookout:
 
         `policy` is what the shepherd complains of, `stopped` which stop is pulled; "" is none.
         """
+        self.last_seen = max(self.last_seen, *sighting.came)
         for came, latest in zip(self._came, sighting.came, strict=True):
             if not came or came[-1] != latest:
                 came.append(latest)
@@ -81,7 +86,7 @@ class Lookout:
             )
             self.checks += [
                 Check(f"guard of {robot.name}", bool(there), "runs" if there else "is not seen")
-                for robot in (*self._site.uav, *self._site.ugv)
+                for robot in self._ours
                 if robot.guard and (there := self._wires.guarded(robot)) is not None
             ]
 
@@ -102,8 +107,9 @@ class Lookout:
 
     def _look_for_others(self) -> None:
         wires = (*self._wires.drones, *self._wires.rovers)
-        found = {name: wire.others() for name, wire in zip(self._names, wires, strict=True)}
-        for robot in (*self._site.uav, *self._site.ugv):
+        linked = zip(self._ours, wires, strict=False)
+        found = {robot.name: wire.others() for robot, wire in linked}
+        for robot in self._ours:
             if robot.guard:
                 found[robot.name] += self._wires.behind(robot)
         for name, who in found.items():

@@ -28,6 +28,7 @@ Radians = Annotated[float, Meta(ge=-6.3, le=6.3)]
 Point = tuple[Metres, Metres, Metres]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=23)]  # of Vicon and ROS
 Text = Annotated[str, Meta(max_length=500)]
+Topic = Annotated[str, Meta(pattern=r"^(/?[A-Za-z]\w*(/[A-Za-z]\w*)*)?\Z", max_length=200)]
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Mocap:
     source: PoseSource = "vicon-udp"
     host: Text = "127.0.0.1"  # the address of ours that listens; or, of a flight log, its path
     port: Annotated[int, Meta(ge=0, le=65535)] = 51001
-    topic: Text = ""  # ROS: "" is the usual one of the source
+    topic: Topic = ""  # ROS: "" is the usual one of the source
     rate: Annotated[float, Meta(ge=20.0, le=1000.0)] = 100.0  # Hz
     origin: Point = (0.0, 0.0, 0.0)  # m: the tracker's origin in the world
     yaw: Radians = 0.0  # by which the tracker's x axis is turned in the world
@@ -94,7 +95,7 @@ class UAVSite:
     name: Name
     adapter: UAVAdapter
     profile: Text = "tum-simulator"
-    topic: Text = ""  # of its commands, or a namespace; "" is the adapter's usual one
+    topic: Topic = ""  # of its commands, or a namespace; "" is the adapter's usual one
     uri: Text = ""  # crazyflie: radio://0/80/2M/E7E7E7E7E7, udp://…; mavlink: udpin:…, /dev/…
     stamped: bool = False  # TwistStamped instead of Twist
     offset: Point = (0.0, 0.0, 0.0)  # m: its markers' origin, in its own frame
@@ -111,7 +112,7 @@ class UGVSite:
     name: Name
     adapter: UGVAdapter = "ros1"
     profile: Text = "kobuki"
-    topic: Text = ""  # "" is /NAME/cmd_vel
+    topic: Topic = ""  # "" is /NAME/cmd_vel
     stamped: bool = False
     offset: Point = (0.0, 0.0, 0.0)
     yaw: Radians = 0.0
@@ -131,7 +132,9 @@ class Safety:
     missed_decisions: Annotated[int, Meta(ge=1, le=3)] = 3  # in a row: hold
     acceleration: Annotated[float, Meta(gt=0.0, le=4.0)] = 4.0  # of what a drone is commanded
     battery: Annotated[float, Meta(ge=0.15, le=1.0)] = 0.15  # share, at which it lands
-    stop_file: Text = "STOP"  # while this file exists, everything holds; see the docs
+    stop_file: Annotated[str, Meta(min_length=1, max_length=200)] = (
+        "STOP"  # while this file exists, everything holds; see the docs
+    )
     gamepad: Text = ""  # a device such as /dev/input/js0: its first button is held to fly
 
 
@@ -152,7 +155,11 @@ class Site:
 def load(path: Path) -> Site:
     """The site of a TOML file. Raises `Refusal` for what is none, and says what to write."""
     try:
+        if not path.is_file():
+            raise Refusal(f"cannot read {path}: {_why_no_file(path)}; try skydog lab --emulate")
         content = path.read_bytes() if path.stat().st_size <= LARGEST_FILE else None
+    except Refusal:
+        raise
     except (OSError, ValueError) as problem:
         why = getattr(problem, "strerror", None) or problem
         raise Refusal(f"cannot read {path}: {why}; try skydog lab --emulate") from None
@@ -164,6 +171,10 @@ def load(path: Path) -> Site:
         raise Refusal(f"{path}: {problem}") from None
     except (ValueError, RecursionError) as problem:
         raise Refusal(f"{path} is no TOML: {problem!s:.120}") from None
+
+
+def _why_no_file(path: Path) -> str:
+    return "no regular file" if path.exists() else "No such file or directory"
 
 
 def parse(text: str) -> Site:
@@ -186,11 +197,12 @@ def _check(site: Site) -> None:
         least, most = getattr(site.cage, axis)
         if not least < most:
             raise Refusal(f"cage.{axis} goes from {least:g} to {most:g} m; the lesser comes first")
+    if site.cage.z[0] > 0.0:
+        raise Refusal(f"cage.z begins at {site.cage.z[0]:g} m, above the floor; try -0.5")
     robots = [*site.uav, *site.ugv]
-    if not (1 <= len(site.uav) <= 8 and 1 <= len(site.ugv) <= 50):
-        raise Refusal(
-            f"a site has 1 to 8 uav and 1 to 50 ugv, got {len(site.uav)} and {len(site.ugv)}"
-        )
+    if not (len(site.uav) == 1 and 1 <= len(site.ugv) <= 50):
+        # Two drones that fly one above the other would land through one another.
+        raise Refusal(f"a site has 1 uav and 1 to 50 ugv, got {len(site.uav)} and {len(site.ugv)}")
     names = [robot.name for robot in robots]
     for name in sorted({name for name in names if names.count(name) > 1}):
         raise Refusal(f"two robots are called {name}; the tracker tells them apart by name")

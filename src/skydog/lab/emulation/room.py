@@ -229,7 +229,8 @@ def run(site: Site, start: Start, wire: Connection) -> None:
     "faults" or of what is "wrong"; None to end. What goes: first the addresses of drones that are
     packets' ends, by name; then `Report`s.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # it ends with its wire
+        signal.signal(number, signal.SIG_IGN)
     from skydog.lab.emulation.drivers_of import connect
 
     room = Room(site, start)
