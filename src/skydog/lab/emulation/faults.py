@@ -95,6 +95,22 @@ _TABLE = (
         STALE,
     ),
     Fault(
+        "drone-turned",
+        "the drone's pattern is seen the wrong way round",
+        _tracker("turned", {"uav1"}),
+        inf,
+        (HELD,),
+        STALE,
+    ),
+    Fault(
+        "rover-turned",
+        "a rover's pattern is seen the wrong way round",
+        _tracker("turned", {"ugv1"}),
+        inf,
+        (HELD,),
+        STALE,
+    ),
+    Fault(
         "swapped-rovers",
         "two rovers far apart are mistaken for one another",
         _tracker("swapped", ("ugv1", "ugv3")),

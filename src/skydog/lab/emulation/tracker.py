@@ -32,6 +32,7 @@ class Faults:
     zeroed: set[str] = field(default_factory=set)
     nan: set[str] = field(default_factory=set)
     frozen: set[str] = field(default_factory=set)  # bodies shown as they were last
+    turned: set[str] = field(default_factory=set)  # bodies whose pattern is taken for its half turn
     swapped: tuple[str, str] | None = None  # two bodies, each mistaken for the other
     jump: dict[str, Vector] = field(default_factory=dict)  # m, added in the world's frame
     delay: int = 0  # frames that each packet waits
@@ -89,6 +90,8 @@ class Tracker:
         jump = self.faults.jump.get(name, (0.0, 0.0, 0.0))
         x, y, z = (p + j for p, j in zip(position, jump, strict=True))
         markers, attitude = to_tracker(self._mocap, self._robots[name], (x, y, z), attitude)
+        if name in self.faults.turned:
+            attitude = product(attitude, (0.0, 0.0, 1.0, 0.0))
         x, y, z = (markers + self._random.normal(0.0, POSITION_NOISE, 3)).tolist()
         a, b, c = self._random.normal(0.0, ATTITUDE_NOISE / 2, 3).tolist()
         return (x, y, z), product(attitude, (a, b, c, (1.0 - a * a - b * b - c * c) ** 0.5))
