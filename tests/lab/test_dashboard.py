@@ -18,7 +18,7 @@ from skydog.lab.dashboard import LINES, MAP, Dashboard, page
 from skydog.lab.emulation.chain import a_site
 from skydog.lab.eyes import Sighting
 from skydog.lab.flightlog import Timing
-from skydog.lab.flying import View
+from skydog.lab.outcome import View
 from skydog.lab.preflight import Check
 from skydog.lab.setup import world
 from skydog.lab.site import Mission

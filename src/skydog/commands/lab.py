@@ -13,8 +13,8 @@ from skydog.commands.flags import STOPPED, Json, MaybeOut
 from skydog.errors import Refusal
 
 if TYPE_CHECKING:
-    from skydog.lab.flying import Outcome
     from skydog.lab.orders import Orders
+    from skydog.lab.outcome import Outcome
     from skydog.lab.site import Site
 
 VERBS = ("check", "faults", "recover")

@@ -11,8 +11,8 @@ from rich.text import Text
 
 from skydog.flight.supervisor import Mode
 from skydog.lab.adapters import Status
-from skydog.lab.flying import View
 from skydog.lab.orders import HELP
+from skydog.lab.outcome import View
 from skydog.lab.setup import world
 from skydog.lab.site import Site
 from skydog.world.params import Arena

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable
 from math import inf
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from skydog.lab.eyes import Eyes, Sighting
 from skydog.lab.flightlog import FlightLog, Timing
 from skydog.lab.lookout import Lookout
 from skydog.lab.orders import Gamepad, Orders, StopFile
+from skydog.lab.outcome import Outcome, Times, View
 from skydog.lab.policy import Answer, Policy, Seen
-from skydog.lab.preflight import Check
 from skydog.lab.setup import Setup
 from skydog.lab.site import Site, UAVSite
 from skydog.lab.wires import Wires
@@ -32,40 +31,6 @@ SHOWS = 0.1  # s between views
 GIVES_UP = 20.0  # s for which a drone that nobody sees is told to land
 SINKS = 0.3  # m/s, meanwhile
 IN_AIR = (Mode.TAKING_OFF, Mode.MISSION, Mode.HOLD, Mode.LANDING)
-
-
-class View(NamedTuple):
-    """What there is to see of a flight, for a dashboard."""
-
-    now: float  # s since the flight began
-    mode: Mode
-    step: int
-    sighting: Sighting
-    sent: Sent
-    status: tuple[Status, ...]
-    checks: tuple[Check, ...]
-    lines: tuple[str, ...]  # what happened, the latest last
-    timing: Timing
-    rates: tuple[float, ...]
-
-
-class Times(NamedTuple):
-    """How a flight kept its time. Seconds, one entry a tick; of decisions, one a decision."""
-
-    jitter: list[float]
-    latency: list[float]
-    decide: list[float]
-    missed: int
-    blind: float  # s: the longest that something flew, and did not land, on an old pose
-
-
-class Outcome(NamedTuple):
-    """How a flight ended."""
-
-    how: str  # of `skydog.world.trace.ENDINGS`
-    steps: int
-    times: Times
-    lines: tuple[str, ...]
 
 
 class BaseStation:

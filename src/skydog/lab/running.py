@@ -11,8 +11,9 @@ import numpy as np
 
 from skydog.flight.supervisor import Mode, Order
 from skydog.lab.flightlog import Flight, FlightLog
-from skydog.lab.flying import BaseStation, Outcome, View
+from skydog.lab.flying import BaseStation
 from skydog.lab.orders import Orders
+from skydog.lab.outcome import Outcome, View
 from skydog.lab.policy import Policy, Seen
 from skydog.lab.setup import Setup, setup
 from skydog.lab.site import Site

@@ -19,8 +19,8 @@ from skydog.flight.options import Steering
 from skydog.lab import flightlog, running, setup
 from skydog.lab.emulation.chain import Chain, Transport, a_site
 from skydog.lab.emulation.room import Report, Start
-from skydog.lab.flying import Outcome
 from skydog.lab.orders import Orders
+from skydog.lab.outcome import Outcome
 from skydog.lab.setup import Setup
 from skydog.lab.site import Mission, Site, UAVAdapter
 from skydog.study import evaluate
