@@ -174,11 +174,14 @@ class Flight:
         cage = -self.airspace - BEYOND, self.size + self.airspace + BEYOND
         self.base = Base(
             self.station,
-            # An ideal body is where it is to be at once, however far that is.
+            # An ideal body is where it is to be at once, however far that is. A drone that falls is
+            # down, which the twin knows by itself.
             Limits(
                 cage,
                 cage,
                 (-1.0, float(self.height.max()) + 1.0),
+                lowest=-inf,
+                drone_speed=inf,
                 jump=inf if twin.ideal else Limits.jump,
             ),
             (-self.airspace, self.size + self.airspace),
