@@ -1,6 +1,7 @@
 """The base station in scripted time: what it says and does when something goes wrong."""
 
 import threading
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -89,6 +90,49 @@ def test_the_log_of_a_flight_is_a_trace_of_its_mission(fly, tmp_path):
     assert len(trace.time) == 11
     assert trace.poses is not None
     assert float(trace.poses.altitude[-1, 0]) == pytest.approx(2.0, abs=0.2)
+
+
+def test_rovers_with_a_flock_of_their_own_are_told_nothing_and_others_may_command_them(fly):
+    site = a_small_site()
+    site = replace(site, mission=replace(site.mission, flock="own"))
+
+    def another(base, room, orders):
+        for rover in room.rovers:
+            rover.also, rover.told = ("flock",), (0.01, 0.0)
+
+    outcome, lines, room = fly(lambda base: True, another, site)
+    assert outcome.how == "out of time"
+    assert "too" not in lines
+    assert {rover.told for rover in room.rovers} == {(0.01, 0.0)}  # its own flock's word
+
+
+def test_ctrl_c_on_the_ground_leaves_and_takes_nothing_off(monkeypatch, tmp_path):
+    with station(monkeypatch, tmp_path, a_small_site()) as (base, room, orders):
+        over = Automatic(orders)
+
+        def until(base):
+            if base.memory.supervisor.mode[0] == Mode.READY:
+                orders.quits = True
+                orders.give(Order.STOP, "Ctrl-C")
+            return over(base)
+
+        base.fly(until)
+    assert Mode.TAKING_OFF not in room.drone.modes
+
+
+def test_a_stop_that_is_pulled_cannot_be_overridden(fly, tmp_path):
+    def stop_and_resume(base, room, orders):
+        (tmp_path / base.site.safety.stop_file).touch()
+        orders.give(Order.RESUME, "key 'r'")
+
+    def resume(base):
+        if mode(base) == Mode.HOLD:
+            base.orders.give(Order.RESUME, "key 'r'")
+
+    _, lines, _ = fly(in_mission, stop_and_resume, watch=resume)
+    assert "resume by key 'r' refused: file STOP is there" in lines
+    assert "well again" not in lines
+    assert "landing: operator: land (file STOP)" in lines
 
 
 def test_a_second_publisher_is_named_and_lands_the_drone(fly):

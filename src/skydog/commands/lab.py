@@ -33,7 +33,7 @@ def lab(
     ] = (),
     emulate: bool = False,
     faults: Annotated[str | None, arg(metavar="NAME")] = None,
-    transport: Literal["ros1", "dds"] = "ros1",
+    transport: Literal["ros1", "dds"] | None = None,
     adapter: Adapter | None = None,
     sheepdog: Annotated[str, arg(metavar="SHEEPDOG|strombom")] = "h-ddpg-6x6",
     disturb: Annotated[str, arg(metavar="NAME")] = "lab",
@@ -60,8 +60,10 @@ def lab(
         what: A site file to fly; or check and a site file; or faults, and names of faults if not
             all; or recover and the log of a flight.
         emulate: Fly an emulated laboratory on this machine.
-        faults: Of an emulated flight: what goes wrong three seconds into the mission.
-        transport: What an emulated flight speaks to its robots: ros1, or dds as ROS 2 does.
+        faults: Of an emulated flight: what goes wrong three seconds into the mission. It is flown
+            over ros1.
+        transport: What an emulated flight speaks to its robots: ros1, or dds as ROS 2 does. If
+            not given, ros1 where rospy is installed.
         adapter: The emulated drone: ardrone-autonomy if not given, over dds twist-dds.
         sheepdog: Who flies an emulated flight: a file, run folder or name, or strombom.
         disturb: What goes wrong in an emulated flight all the time: none, mild or lab.
@@ -82,9 +84,21 @@ def lab(
         if what:
             raise Refusal(f"--emulate makes its own site, got {what[0]!r:.60} too; leave it out")
         if faults is not None:
+            if transport == "dds" or adapter is not None:
+                raise Refusal(
+                    "faults are flown by ardrone-autonomy over ros1; leave out the others"
+                )
             return _campaign((faults,), out, as_json)
         flown = _emulate(
-            transport, adapter, sheepdog, disturb, speed, wait, steps, seed, _home(out)
+            transport or _transport(),
+            adapter,
+            sheepdog,
+            disturb,
+            speed,
+            wait,
+            steps,
+            seed,
+            _home(out),
         )
         return _report(*flown, as_json)
     if len(named) != 1:
@@ -101,6 +115,18 @@ def lab(
     return _report(*_fly(path, _home(out)), as_json)
 
 
+def _transport() -> Literal["ros1", "dds"]:
+    """ROS 1 where it is installed."""
+    from importlib.util import find_spec
+
+    from skydog.commands import console
+
+    if find_spec("rospy") is not None and find_spec("rosmaster") is not None:
+        return "ros1"
+    console.say("There is no ROS 1 here (make ros, or apt install python3-rospy): flying over DDS.")
+    return "dds"
+
+
 def _home(out: Path | None) -> Path:
     home = out or Path("runs") / "lab" / time.strftime("flight-%Y%m%d-%H%M%S")
     if home.exists():
@@ -108,7 +134,7 @@ def _home(out: Path | None) -> Path:
     return home
 
 
-def _fly(path: Path, log: Path) -> tuple["Outcome | None", Path]:
+def _fly(path: Path, log: Path) -> tuple["Outcome", Path]:
     """Fly a site file, a human at the keys."""
     from skydog.lab import check, running, setup, site
     from skydog.lab.orders import Orders
@@ -126,7 +152,7 @@ def _fly(path: Path, log: Path) -> tuple["Outcome | None", Path]:
             orders,
             running.Operated(orders),
             log,
-            path.read_text(),
+            path.read_text("utf-8"),
             board.show,
             board.said,
             made,
@@ -145,7 +171,7 @@ def _emulate(
     steps: int,
     seed: int,
     log: Path,
-) -> tuple["Outcome | None", Path]:
+) -> tuple["Outcome", Path]:
     """Fly an emulated laboratory; it arms and takes off by itself."""
     import jax
     import numpy as np
@@ -299,7 +325,7 @@ def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
     return 0 if all(row.as_expected for row in rows) else 1
 
 
-def _report(outcome: "Outcome | None", log: Path, as_json: bool) -> int:
+def _report(outcome: "Outcome", log: Path, as_json: bool) -> int:
     """Print how a flight went: its metrics if it flew a mission, and how it kept time."""
     import json
 
@@ -309,7 +335,6 @@ def _report(outcome: "Outcome | None", log: Path, as_json: bool) -> int:
     from skydog.lab import flightlog
     from skydog.study import evaluate
 
-    assert outcome is not None
     console.say(f"The flight log is {log}; see it by skydog replay {log}")
     times = {
         name: {f"p{share}": float(np.percentile(values, share)) for share in (50, 99, 100)}

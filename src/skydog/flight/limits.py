@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from math import inf
 
+APART = 0.03  # m between two bodies of a kind, where a flight begins; ours
+PAD = 0.15  # m between a drone's pad and a rover or a wall, which its take-off may meet; ours
+
 Span = tuple[float, float]
 
 

@@ -115,8 +115,9 @@ class BaseStation:
         while time.monotonic() < end:
             for drone in self.wires.drones:
                 drone.send(command, time.monotonic())
-            for rover in self.wires.rovers:
-                rover.send(0.0, 0.0, time.monotonic())
+            if self.site.mission.flock != "own":
+                for rover in self.wires.rovers:
+                    rover.send(0.0, 0.0, time.monotonic())
             if all(drone.status().flying is False for drone in self.wires.drones):
                 return
             time.sleep(2 * DT)
@@ -293,6 +294,8 @@ class BaseStation:
                 oldest = int(np.argmax(sent.age[0]))
                 why = sighting.why[oldest] or "it jumped"
                 reason = f"{self._names[oldest]} not seen for {sent.age[0, oldest]:.2f} s: {why}"
+                if now - self._ticked > self.made.base.limits.blind:
+                    reason = f"the base station stood still for {now - self._ticked:.2f} s"
             told = f"{event} ({reason})" if reason else event
             self.say(f"{_plain(before.name)} → {_plain(mode.name)}: {told}")
             if self.log is not None:

@@ -6,14 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from skydog.flight.base import Base
+from skydog.flight.limits import APART, PAD
 from skydog.flight.station import DT
 from skydog.lab.adapters import Status
 from skydog.lab.eyes import Sighting
 from skydog.lab.site import Site, UAVSite, UGVSite
 
 RATE = (0.8, 1.2)  # share of the site's rate that a tracker must keep; Crazyswarm2: 80 to 120 Hz
-APART = 0.03  # m between two of a kind
-PAD = 0.15  # m between a drone's pad and a rover
 USED = 0.8  # share of a battery's minutes that is counted on; ours
 
 
@@ -111,9 +110,10 @@ def _alone(robot: UAVSite | UGVSite, others: Sequence[str]) -> Check:
 
 def _places(site: Site, base: Base, dogs: np.ndarray, sheep: np.ndarray) -> list[Check]:
     """Whether everybody stands where a flight can begin."""
+    sizes = base.station.uav.body.radius + base.station.rover.body.radius
     cage = np.array([site.cage.x, site.cage.y, site.cage.z])
     found = []
-    for number, (each, at) in enumerate(zip(site.uav, dogs, strict=True)):
+    for each, at in zip(site.uav, dogs, strict=True):
         inside = bool(np.all((at >= cage[:, 0]) & (at <= cage[:, 1])))
         found.append(
             Check(
@@ -123,10 +123,7 @@ def _places(site: Site, base: Base, dogs: np.ndarray, sheep: np.ndarray) -> list
                 "" if inside else "place it there, or check mocap.origin and mocap.yaw",
             )
         )
-        found.append(_apart(f"pad of {each.name} is clear", at[:2], sheep, PAD + _sizes(base)))
-        others = dogs[:number, :2]
-        beside = 2 * base.station.uav.body.radius + APART
-        found.append(_apart(f"{each.name} stands apart", at[:2], others, beside))
+        found.append(_apart(f"pad of {each.name} is clear", at[:2], sheep, PAD + sizes))
     least, most = base.arena
     for number, (each, at) in enumerate(zip(site.ugv, sheep, strict=True)):
         inside = bool(np.all((at >= least - 0.05) & (at <= most + 0.05)))
@@ -141,10 +138,6 @@ def _places(site: Site, base: Base, dogs: np.ndarray, sheep: np.ndarray) -> list
         beside = 2 * base.station.rover.body.radius + APART
         found.append(_apart(f"{each.name} does not touch another", at, sheep[:number], beside))
     return found
-
-
-def _sizes(base: Base) -> float:
-    return base.station.uav.body.radius + base.station.rover.body.radius
 
 
 def _apart(name: str, at: np.ndarray, others: np.ndarray, needed: float) -> Check:

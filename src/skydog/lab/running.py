@@ -41,7 +41,7 @@ class Automatic:
                 self.orders.give(Order.LAND, "the automatic operator")
         if mode == Mode.EMERGENCY and not any(d.status().flying for d in station.wires.drones):
             self.orders.give(Order.RESET, "the automatic operator")
-        if self._flown:
+        if self._flown or self.orders.quits:
             return mode == Mode.DISARMED
         if station.look_out.ready:
             self.orders.give(

@@ -10,14 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from skydog.errors import Refusal
+from skydog.flight.limits import APART, PAD
 from skydog.flight.profiles import UAV, Rover
 from skydog.study import cases
 from skydog.study.options import FlyableStarts
 from skydog.world.params import World
 from skydog.world.state import State
 
-ROOM = 0.03  # m between bodies
-CLEAR = 0.15  # m more between a drone's pad and a rover, which its take-off may meet
 DRAWS = 1000  # times as many as are asked for, at most
 
 
@@ -29,13 +28,13 @@ def flyable(
     A pad is also clear of the walls.
     """
     sheep, dogs = (np.asarray(who, float) for who in (starts.sheep, starts.dogs))
-    apart = 2 * rover.body.radius + ROOM
-    clear = rover.body.radius + uav.body.radius + CLEAR
+    apart = 2 * rover.body.radius + APART
+    clear = rover.body.radius + uav.body.radius + PAD
     spaced = _nearest(sheep, sheep) >= apart
     spaced &= np.all((sheep >= 0.0) & (sheep <= size), axis=(1, 2))
-    pads = (_nearest(dogs, sheep) >= clear) & (_nearest(dogs, dogs) >= 2 * uav.body.radius + ROOM)
+    pads = (_nearest(dogs, sheep) >= clear) & (_nearest(dogs, dogs) >= 2 * uav.body.radius + APART)
     # The walls stand a rover's radius outside the arena.
-    inside = max(0.0, uav.body.radius + CLEAR - rover.body.radius)
+    inside = max(0.0, uav.body.radius + PAD - rover.body.radius)
     pads &= np.all((dogs >= inside) & (dogs <= size - inside), axis=(1, 2))
     return spaced, pads
 
