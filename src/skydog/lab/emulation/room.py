@@ -231,7 +231,7 @@ def run(site: Site, start: Start, wire: Connection) -> None:
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # it ends with its wire
         signal.signal(number, signal.SIG_IGN)
-    from skydog.lab.emulation.drivers_of import connect
+    from skydog.lab.emulation.wires import connect
 
     room = Room(site, start)
     show = connect(room)
