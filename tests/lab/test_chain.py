@@ -11,19 +11,26 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import jax
+import jax.numpy as jnp
 import pytest
 from realtime import in_real_time
 
 pytest.importorskip("rosbags", reason="skydog[lab] is not installed")
 
+from skydog.errors import Refusal
 from skydog.lab import flightlog
 from skydog.lab.emulation.chain import Chain, a_site
+from skydog.lab.emulation.flights import Emulated
 from skydog.lab.emulation.room import Start
 from skydog.lab.orders import Orders
 from skydog.lab.running import Automatic, as_json, fly
 from skydog.lab.site import Mission
+from skydog.shepherds.strombom import Strombom
+from skydog.world.presets import preset
+from skydog.world.state import start
 
 PATIENCE = 120.0  # s for whatever must come
 SHEEP = ((3.3, 4.5), (3.6, 4.0), (4.5, 2.1))
@@ -279,3 +286,14 @@ def listener(master, topics):
     finally:
         process.kill()
         process.communicate()
+
+
+def test_a_mission_that_a_laboratory_cannot_fly_is_refused_before_anything_starts():
+    begin = start(jnp.ones((3, 2)), jnp.ones((2, 2)))
+    starts = jax.tree.map(lambda leaf: leaf[None], begin)
+    with pytest.raises(Refusal, match="flies one dog, got 2"):
+        Emulated()(preset("paper-physical"), Strombom(), starts)
+    noisy = preset("paper-physical")
+    noisy = replace(noisy, dog=replace(noisy.dog, perception_noise=0.1))
+    with pytest.raises(Refusal, match="a noise of its own"):
+        Emulated()(noisy, Strombom(), replace(starts, dogs=starts.dogs[:, :1]))

@@ -96,8 +96,7 @@ def test_a_battery_that_is_too_small_is_told_how_many_steps_it_lasts():
     [
         ({"sheepdog": "no-such-dog"}, "no-such-dog"),
         ({"preset": "moon"}, "moon"),
-        ({"goal": "here"}, "mission.goal"),
-        ({"goal": "7,7"}, "goal"),
+        ({"goal": (7.0, 7.0)}, "goal"),
     ],
 )
 def test_a_mission_that_cannot_be_is_told(mission, said):

@@ -64,14 +64,13 @@ def test_half_the_speed_is_half_the_speed_of_sheep_and_dog():
 
 
 def test_the_goal_is_where_the_site_has_it():
-    arena = setup(flying(goal="6,0")).world.arena
+    arena = setup(flying(goal=(6.0, 0.0))).world.arena
     assert (float(arena.goal_x), float(arena.goal_y)) == (6.0, 0.0)
 
 
 @pytest.mark.parametrize(
     ("mission", "why"),
     [
-        ({"goal": "the corner"}, "mission.goal is X,Y"),
         ({"preset": "nobody"}, "nobody"),
         ({"sheepdog": "no-such-dog"}, "no-such-dog"),
     ],

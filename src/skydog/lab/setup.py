@@ -40,14 +40,7 @@ def setup(site: Site) -> Setup:
 def world(site: Site) -> World:
     """The world of a site's mission. Raises `Refusal` for one that cannot be."""
     asked = site.mission
-    goal = None
-    if asked.goal is not None:
-        try:
-            x, y = map(float, asked.goal.split(","))
-        except ValueError:
-            raise Refusal(f"mission.goal is X,Y in metres, got {asked.goal!r:.60}") from None
-        goal = x, y
-    here = presets.preset(asked.preset, asked.arena, len(site.ugv), goal, None)
+    here = presets.preset(asked.preset, asked.arena, len(site.ugv), asked.goal, None)
     return presets.at_speed(here, asked.speed)
 
 

@@ -40,7 +40,7 @@ class Mission:
     arena: Annotated[float, Meta(gt=2.0, le=1000.0)] | None = (
         None  # m; the preset's own if not given
     )
-    goal: Text | None = None  # X,Y
+    goal: tuple[Metres, Metres] | None = None  # m, x and y; the world's own if not given
     speed: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0  # share of the world's speeds
     steps: Annotated[int, Meta(ge=1, le=100_000)] = 1000
     steering: Steering = "reference"

@@ -24,6 +24,7 @@ from skydog.lab.outcome import Outcome
 from skydog.lab.setup import Setup
 from skydog.lab.site import Mission, Site, UAVAdapter
 from skydog.study import evaluate
+from skydog.world import params
 from skydog.world.mission import MAX_STEPS, Shepherd, count
 from skydog.world.params import World
 from skydog.world.state import State
@@ -93,6 +94,10 @@ class Emulated:
             steering=self.steering,
         )
         sheep = len(begin.sheep)
+        if len(begin.dogs) != 1:
+            raise Refusal(f"a laboratory flies one dog, got {len(begin.dogs)}")
+        if params.noisy(world):
+            raise Refusal("a laboratory has a noise of its own; fly a world without any")
         site = a_site(mission, size, self.transport, self.adapter, self.profile, sheep)
         start = Start(
             dogs=pairs(begin.dogs),
