@@ -1,6 +1,14 @@
 import json
 import os
+import re
+import signal
+import socket
+import stat
 import struct
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -237,6 +245,145 @@ def test_an_unwritable_folder_is_refused(tmp_path, monkeypatch):
     with pytest.raises(Refusal, match="permission denied"):
         files.write_bytes(tmp_path / "x", b"")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("make", ["fifo", "socket", "folder"])
+def test_what_is_no_file_is_not_written_over(tmp_path, make):
+    path = tmp_path / "node"
+    if make == "fifo":
+        os.mkfifo(path)
+    elif make == "folder":
+        path.mkdir()
+    else:
+        with closing(socket.socket(socket.AF_UNIX)) as listener:
+            listener.bind(str(path))
+    before = path.lstat()
+    for write in (lambda: files.write_bytes(path, b"x"), lambda: files.may_write(path)):
+        with pytest.raises(Refusal, match="node"):
+            write()
+    assert (path.lstat().st_mode, path.lstat().st_ino) == (before.st_mode, before.st_ino)
+    assert no_partial_files(tmp_path)
+
+
+def test_a_device_is_not_written_over(tmp_path):
+    node = tmp_path / "node"
+    try:
+        os.mknod(node, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("only root makes devices")
+    with pytest.raises(Refusal, match="a device"):
+        files.write_bytes(node, b"x")
+    assert stat.S_ISCHR(node.lstat().st_mode)
+
+
+@pytest.mark.parametrize("dangles", [False, True])
+def test_a_link_is_followed(tmp_path, dangles):
+    target = tmp_path / "elsewhere" / "target"
+    link = tmp_path / "link"
+    link.symlink_to(target)
+    if not dangles:
+        files.write_bytes(target, b"before")
+    files.write_bytes(link, b"after")
+    assert link.is_symlink()
+    assert target.read_bytes() == b"after"
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o755])
+def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, mode):
+    path = tmp_path / "secret"
+    path.write_bytes(b"before")
+    path.chmod(mode)
+    files.write_bytes(path, b"after")
+    assert stat.S_IMODE(path.stat().st_mode) == mode
+
+
+def test_a_new_file_has_the_mode_that_the_user_asks_for(tmp_path):
+    before = os.umask(0o027)
+    try:
+        files.write_bytes(tmp_path / "new", b"x")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o640
+
+
+def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path, monkeypatch):
+    path = tmp_path / "kept"
+    path.write_bytes(b"before")
+    access = os.access  # root may write anywhere
+    monkeypatch.setattr(os, "access", lambda at, mode: Path(at) != path and access(at, mode))
+    with pytest.raises(Refusal, match="permission denied"):
+        files.write_bytes(path, b"after")
+    assert path.read_bytes() == b"before"
+
+
+WRITES = """
+import os, signal, sys
+from pathlib import Path
+from skydog import files
+os.fsync = lambda handle: os.kill(os.getpid(), signal.SIGKILL)
+files.write_bytes(Path(sys.argv[1]), b"half")
+"""
+
+
+def test_what_a_kill_left_half_written_is_gone_after_the_next_write(tmp_path):
+    path = tmp_path / "note"
+    killed = subprocess.run([sys.executable, "-c", WRITES, str(path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert not path.exists()
+    assert len(list(tmp_path.iterdir())) == 1
+    files.write_bytes(path, b"whole")
+    assert [(entry.name, entry.read_bytes()) for entry in tmp_path.iterdir()] == [
+        ("note", b"whole")
+    ]
+
+
+def test_writers_of_one_file_do_not_mix_their_contents(tmp_path):
+    path = tmp_path / "shared"
+    contents = [bytes([65 + writer]) * 100_000 for writer in range(8)]
+
+    def write(content):
+        for _ in range(10):
+            files.write_bytes(path, content)
+
+    with ThreadPoolExecutor(len(contents)) as pool:
+        list(pool.map(write, contents))
+    assert path.read_bytes() in contents
+    assert no_partial_files(tmp_path)
+
+
+@pytest.mark.parametrize("trap", ["symlink", "link"])
+def test_a_trap_where_the_partial_file_would_stand_is_not_written_to(tmp_path, trap):
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"precious")
+    partial = tmp_path / ".note.part"
+    partial.symlink_to(victim) if trap == "symlink" else partial.hardlink_to(victim)
+    with pytest.raises(Refusal):
+        files.write_bytes(tmp_path / "note", b"x")
+    assert victim.read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "with\0nul"])
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda path: files.write_bytes(path, b"x"),
+        files.may_write,
+        files.folder,
+        lambda path: files.load_arrays(path, "thing"),
+    ],
+)
+def test_a_path_that_cannot_be_is_refused_and_named(tmp_path, name, use):
+    with pytest.raises(Refusal, match=re.escape(name[:10])):
+        use(tmp_path / name)
+
+
+def test_a_folder_belongs_to_one_run_at_a_time(tmp_path):
+    with files.claimed(tmp_path / "run") as run:
+        with pytest.raises(Refusal, match="another run"), files.claimed(run):
+            pass
+        assert list(run.iterdir()) == []
+    with files.claimed(run):
+        pass
 
 
 def test_plain_values_are_those_that_json_gives_back():

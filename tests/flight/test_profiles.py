@@ -126,7 +126,7 @@ def test_a_table_where_a_number_should_be_is_refused_and_a_number_for_a_table(tm
     [
         (b"", "must say kind"),
         (b"\xff\xfe\x00", "is no TOML"),
-        (b"kind = 'uav'\n" + b"# " + b"x" * profiles.LARGEST_FILE, "65,536 bytes"),
+        (b"kind = 'uav'\n" + b"# " + b"x" * profiles.LARGEST_FILE, "more than any profile .65,536"),
         (b"a = " + b"[" * 5000, "is no TOML"),
         (b"PK\x03\x04", "is no TOML"),
     ],
@@ -155,7 +155,7 @@ def test_a_name_that_is_no_drone_is_refused_with_those_that_are(name, told):
 def test_a_folder_is_no_profile(tmp_path):
     folder = tmp_path / "folder.toml"
     folder.mkdir()
-    with pytest.raises(Refusal, match="Is a directory"):
+    with pytest.raises(Refusal, match="is a folder"):
         profiles.uav(str(folder))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
+from skydog import files
 from skydog.commands.flags import STOPPED, Json, MaybeOut
 from skydog.errors import Refusal
 
@@ -129,7 +130,7 @@ def _transport() -> Literal["ros1", "dds"]:
 
 def _home(out: Path | None) -> Path:
     home = out or Path("runs") / "lab" / time.strftime("flight-%Y%m%d-%H%M%S")
-    if home.exists():
+    if files.exists(home):
         raise Refusal(f"{home} is there already; choose another folder for the log")
     return home
 
@@ -287,7 +288,6 @@ def _campaign(names: tuple[str, ...], out: Path | None, as_json: bool) -> int:
 
     from rich.table import Table
 
-    from skydog import files
     from skydog.commands import console
     from skydog.lab.emulation import campaign, faults, verdict
     from skydog.study import report

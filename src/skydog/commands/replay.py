@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from skydog import files
 from skydog.errors import Refusal
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def replay(
 
 
 def _mission(path: Path) -> "Trace":
-    if path.is_dir() or path.suffix == ".mcap":
+    if files.is_folder(path) or path.suffix == ".mcap":
         from skydog.lab import flightlog
 
         return flightlog.load(path)[0]

@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from skydog import files
 from skydog.errors import Refusal
 
 LARGEST_FILE = 1 << 16  # bytes
@@ -201,16 +202,7 @@ def _read(name: str, kind: str, form: type[Profile]) -> Profile:
             f"no {kind} profile is called {name!r:.60}; choose from {', '.join(ship(kind))}, or "
             f"name a file, {flag} my.toml"
         )
-    try:
-        content = path.read_bytes() if path.stat().st_size <= LARGEST_FILE else None
-    except OSError as problem:
-        raise Refusal(f"cannot read {path}: {problem.strerror}; check the path") from None
-    if content is None:
-        raise Refusal(f"{path} has more than {LARGEST_FILE:,} bytes, which no profile has")
-    try:
-        table = tomllib.loads(content.decode())
-    except (ValueError, RecursionError) as problem:
-        raise Refusal(f"{path} is no TOML: {problem!s:.120}") from None
+    table = files.read_toml(path, "profile", LARGEST_FILE)
     if table.pop("kind", None) != kind:
         raise Refusal(f"{path} is no profile of a {kind}; it must say kind = {kind!r}")
     return _filled(str(path), form, {"name": path.stem, **table}, "")

@@ -152,8 +152,8 @@ class Bag:
 def find(path: Path) -> Path:
     """The MCAP file of a bag, given its folder or the file. Raises `Refusal` if there is none."""
     try:
-        if path.is_dir():
-            found = sorted(path.glob("[!.]*.mcap"))
+        if files.is_folder(path):
+            found = files.listed(path, "[!.]*.mcap")
             if len(found) != 1:
                 raise Refusal(f"{path} holds {len(found)} .mcap files, not 1; name one")
             path = found[0]

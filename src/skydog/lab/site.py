@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from skydog import files
 from skydog.errors import Refusal
 from skydog.flight.options import Steering
 
@@ -155,31 +156,22 @@ class Site:
 def load(path: Path) -> Site:
     """The site of a TOML file. Raises `Refusal` for what is none, and says what to write."""
     try:
-        if not path.is_file():
-            raise Refusal(f"cannot read {path}: {_why_no_file(path)}; try skydog lab --emulate")
-        content = path.read_bytes() if path.stat().st_size <= LARGEST_FILE else None
-    except Refusal:
-        raise
-    except (OSError, ValueError) as problem:
-        why = getattr(problem, "strerror", None) or problem
-        raise Refusal(f"cannot read {path}: {why}; try skydog lab --emulate") from None
-    if content is None:
-        raise Refusal(f"{path} has more than {LARGEST_FILE:,} bytes, which no site file has")
+        table = files.read_toml(path, "site file", LARGEST_FILE)
+    except Refusal as problem:
+        raise Refusal(f"{problem}, or try skydog lab --emulate") from None
     try:
-        return parse(content.decode())
+        return _site(table)
     except Refusal as problem:
         raise Refusal(f"{path}: {problem}") from None
-    except (ValueError, RecursionError) as problem:
-        raise Refusal(f"{path} is no TOML: {problem!s:.120}") from None
-
-
-def _why_no_file(path: Path) -> str:
-    return "no regular file" if path.exists() else "No such file or directory"
 
 
 def parse(text: str) -> Site:
     """The site that a TOML text describes. Raises `Refusal`, or ValueError for no TOML."""
-    table = {"mission": {}, "mocap": {}, "ros1": {}, "dds": {}, **tomllib.loads(text)}
+    return _site(tomllib.loads(text))
+
+
+def _site(table: dict[str, Any]) -> Site:
+    table = {"mission": {}, "mocap": {}, "ros1": {}, "dds": {}, **table}
     _know(table, Site, "")
     for name, example in (("cage", "x = [-0.7, 6.7]"), ("uav", "[[uav]]"), ("ugv", "[[ugv]]")):
         if name not in table:

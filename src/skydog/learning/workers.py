@@ -2,19 +2,22 @@
 
 import multiprocessing as mp
 import os
-import queue
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
+from skydog import files, processes
 from skydog.errors import Refusal
 from skydog.learning.curriculum import Curriculum
 from skydog.learning.options import Skill
+
+PATIENCE = 60.0  # seconds for the workers of a run that was killed: they still save
 
 
 @dataclass(frozen=True)
@@ -55,40 +58,42 @@ def run(jobs: Sequence[Job], callback: Callable[[Message], None]) -> bool:
     checkpointed, and the answer is False. Raises `Refusal` if a job was refused or its process
     died, and `RuntimeError` if one broke, once the others are safe.
     """
-    cores = sorted(_cores())
-    context = mp.get_context("spawn")
-    waiting, messages, stop = context.Queue(), context.Queue(), context.Event()
-    for job in jobs:
-        waiting.put(job)
-    workers = [
-        context.Process(target=_work, args=(core, waiting, messages, stop), daemon=True)
-        for core in cores[: len(jobs)]
-    ]
-    endings: list[Message] = []
+    waiting, endings = list(jobs), list[Message]()
+    workers: dict[Connection, BaseProcess] = {}
+    stopping = False
     try:
         with _signals() as asked:
-            for worker in workers:
-                waiting.put(None)
-                _start(worker)
-            while any(worker.is_alive() for worker in workers) or not messages.empty():
-                if asked:
-                    stop.set()
-                with suppress(queue.Empty):
-                    message = messages.get(timeout=0.2)
+            for core in sorted(_cores())[: len(jobs)]:
+                workers |= _start(core)
+            talking = list(workers)
+            for link in talking:
+                _tell(link, waiting.pop(0))
+            while talking:
+                if not stopping and (asked or any(map(_failed, endings))):
+                    stopping = True
+                    waiting.clear()
+                    for link in talking:
+                        _tell(link, None)
+                ready = set(wait(talking, timeout=0.2))
+                for link in [link for link in talking if link in ready]:
+                    message = _heard(link)
+                    if message is None:
+                        talking.remove(link)
+                        continue
                     if message.ended:
                         endings.append(message)
-                        if message.ended not in ("done", "stopped"):
-                            stop.set()
+                        _tell(link, waiting.pop(0) if waiting else None)
                     callback(message)
-    finally:  # no worker outlives a listener that failed, and no unread job holds up the exit
-        stop.set()
-        waiting.cancel_join_thread()
+    finally:  # a worker whose link is closed stops after the chunk in hand, whatever happened here
+        for link, worker in workers.items():
+            link.close()
+            worker.join()
     for message in endings:
         if message.refused:
             raise Refusal(message.ended)
-        if message.ended not in ("done", "stopped"):
+        if _failed(message):
             raise RuntimeError(f"training {message.job.name} broke: {message.ended}")
-    killed = [worker.exitcode for worker in workers if worker.exitcode]
+    killed = [worker.exitcode for worker in workers.values() if worker.exitcode]
     if killed:
         raise Refusal(
             f"a training died (exit code {killed[0]}), out of memory perhaps; try --resume"
@@ -96,27 +101,48 @@ def run(jobs: Sequence[Job], callback: Callable[[Message], None]) -> bool:
     return sum(message.ended == "done" for message in endings) == len(jobs)
 
 
-def _work(core: int, waiting: Any, messages: Any, stop: Event) -> None:
-    parent = os.getppid()
+def _failed(message: Message) -> bool:
+    return message.ended not in ("done", "stopped")
+
+
+def _tell(link: Connection, job: Job | None) -> None:
+    """Give a worker its next job, or None: it stops then, after the chunk in hand."""
+    with suppress(OSError):  # it died: `_heard` tells
+        link.send(job)
+
+
+def _heard(link: Connection) -> Message | None:
+    """A worker's next message, or None if it has ended."""
+    with suppress(EOFError, OSError):
+        return link.recv()
+    return None
+
+
+def _work(core: int, link: Connection) -> None:
     _pin(core)  # before jax is imported: its threads then do not fight over the cores
-    while (job := waiting.get()) is not None and not stop.is_set():
-        try:
-            finished = _train(job, messages, lambda: stop.is_set() or os.getppid() != parent)
-            messages.put(Message(job, ended="done" if finished else "stopped"))
-        except Refusal as refusal:
-            messages.put(Message(job, ended=str(refusal), refused=True))
-        except Exception as problem:
-            messages.put(Message(job, ended=f"{type(problem).__name__}: {problem}"))
-    if os.getppid() != parent:
-        messages.cancel_join_thread()  # nobody reads it any more
+    # The link breaks when the parent dies, however it dies: a worker never outlives it for long.
+    with suppress(EOFError, OSError):
+        while (job := link.recv()) is not None:
+            link.send(_trained(job, link))
 
 
-def _train(job: Job, messages: Any, stopped: Callable[[], bool]) -> bool:
+def _trained(job: Job, link: Connection) -> Message:
+    try:
+        with files.claimed(job.folder, PATIENCE):
+            return Message(job, ended="done" if _train(job, link) else "stopped")
+    except Refusal as refusal:
+        return Message(job, ended=str(refusal), refused=True)
+    except Exception as problem:
+        return Message(job, ended=f"{type(problem).__name__}: {problem}")
+
+
+def _train(job: Job, link: Connection) -> bool:
     from skydog.learning import train
 
     def callback(progress: train.Progress) -> bool:
-        messages.put(Message(job, progress=progress))
-        return not stopped()
+        with suppress(OSError):  # nobody listens any more: what was learnt is kept all the same
+            link.send(Message(job, progress=progress))
+        return not link.poll()  # told to stop, or the parent is gone
 
     curriculum = job.curriculum
     # The lessons of one sheepdog are two trainings: they must not draw the same numbers.
@@ -137,7 +163,10 @@ def _train(job: Job, messages: Any, stopped: Callable[[], bool]) -> bool:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """The signals to stop that have come; a second one stops at once."""
+    """The signals to stop that have come; a second one stops at once.
+
+    A thread hears none: they are for whoever owns the process.
+    """
     asked: list[int] = []
 
     def ask(number: int, _: object) -> None:
@@ -145,7 +174,10 @@ def _signals() -> Iterator[list[int]]:
             os._exit(130)
         asked.append(number)
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = {number: signal.signal(number, ask) for number in processes.STOPS}
     try:
         yield asked
     finally:
@@ -153,13 +185,16 @@ def _signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _start(worker: BaseProcess) -> None:
-    # A worker inherits the mask: Ctrl-C, which the terminal sends to all, is the parent's to hear.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+def _start(core: int) -> dict[Connection, BaseProcess]:
+    """A worker on a core, by our end of the link to it."""
+    context = mp.get_context("spawn")
+    ours, theirs = context.Pipe()
+    worker = context.Process(target=_work, args=(core, theirs), daemon=True)
     try:
-        worker.start()
+        processes.start(worker)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        theirs.close()
+    return {ours: worker}
 
 
 def _cores() -> set[int]:

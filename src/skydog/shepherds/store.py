@@ -99,18 +99,18 @@ def ships() -> list[str]:
 
 def find(path: Path) -> Path:
     """The file of a sheepdog that is named by its name in the zoo, its file or its run folder."""
-    if not path.exists() and path.parent == Path() and not path.suffix:
+    if not files.exists(path) and path.parent == Path() and not path.suffix:
         if path.name.lower() in ships():
             return ZOO / f"{path.name.lower()}.safetensors"
         raise Refusal(
             f"no sheepdog is called {path}, and no file or folder; those that ship are "
             + ", ".join(ships())
         )
-    if not path.is_dir():
+    if not files.is_folder(path):
         return path
-    if (path / FILE).exists():
+    if files.exists(path / FILE):
         return path / FILE
-    runs = sorted(run.parent.name for run in path.glob(f"*/{FILE}"))
+    runs = sorted(run.parent.name for run in files.listed(path, f"*/{FILE}"))
     if runs:
         raise Refusal(f"{path} holds {len(runs)} sheepdogs; name one, such as {path / runs[0]}")
     raise Refusal(f"{path} holds no {FILE}; name a run folder of skydog herd or skydog train")

@@ -14,9 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from skydog import files
 from skydog.errors import Refusal
 from skydog.world.laws.terms import Weighted
 from skydog.world.params import World
+
+LARGEST = 1 << 24  # bytes of a file
 
 
 def maker(reference: str) -> Callable[..., World]:
@@ -86,7 +89,7 @@ def title(reference: str) -> str:
 def digest(reference: str) -> str:
     """The SHA-256 of the file in FILE.py:NAME: a changed law is another world."""
     file, _ = _split(reference)
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    return hashlib.sha256(files.read_bytes(file, "world's file", LARGEST)).hexdigest()
 
 
 def _split(reference: str) -> tuple[Path, str]:
@@ -97,7 +100,7 @@ def _split(reference: str) -> tuple[Path, str]:
             f"a world of your own is named FILE.py:NAME, got {reference!r:.100}; "
             "try --world my_flock.py:world"
         )
-    if not file.is_file():
+    if not files.exists(file):
         raise Refusal(f"there is no file {file}; check the path")
     return file, name
 

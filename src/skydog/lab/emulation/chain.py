@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
+from skydog import processes
 from skydog.errors import Refusal
 from skydog.lab import check, guard
 from skydog.lab.emulation.room import Report, Start, run
@@ -169,7 +170,7 @@ class Chain:
         self._room = context.Process(
             target=run, args=(self.site, self.start, theirs), name="room", daemon=True
         )
-        self._room.start()
+        processes.start(self._room)
         theirs.close()
         try:
             if not self._wire.poll(PATIENCE):

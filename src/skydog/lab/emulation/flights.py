@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
+from skydog import processes
 from skydog.errors import Refusal
 from skydog.flight.options import Steering
 from skydog.lab import flightlog, running, setup
@@ -130,7 +131,7 @@ def fly(site: Site, made: Setup, start: Start, log: Path, said: Say | None = Non
         process = context.Process(
             target=base_station, args=(chain.site, made, log, theirs), name="base station"
         )
-        process.start()
+        processes.start(process)
         theirs.close()
         try:
             while True:

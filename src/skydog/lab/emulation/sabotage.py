@@ -20,6 +20,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from skydog import processes
 from skydog.errors import Refusal
 from skydog.flight.supervisor import Mode
 from skydog.lab import running
@@ -57,7 +58,7 @@ class Breakable:
     def start(self) -> None:
         """Start it, if it has not: it imports what it needs, and waits for its site."""
         if self.process.pid is None:
-            self.process.start()
+            processes.start(self.process)
             self._theirs.close()
             threading.Thread(target=self._listen, name="base station", daemon=True).start()
 
