@@ -1,8 +1,9 @@
 """The command `skydog`: it gathers the commands, and owns signals and streams."""
 
+import difflib
+import errno
 import os
 import platform
-import signal
 import sys
 import zlib
 from contextlib import suppress
@@ -11,8 +12,10 @@ from pathlib import Path
 import tyro
 from tyro.conf import OmitArgPrefixes
 
+from skydog import __version__
+from skydog.commands import interrupts, streams
 from skydog.commands.export import export
-from skydog.commands.flags import STOPPED
+from skydog.commands.flags import Misused
 from skydog.commands.herd import herd
 from skydog.commands.lab import lab
 from skydog.commands.presets import presets
@@ -25,15 +28,48 @@ from skydog.commands.watch import watch
 from skydog.errors import Refusal
 
 COMMANDS = (herd, train, test, twin, lab, reproduce, replay, watch, export, presets)
+REFUSED = 2
+UNWRITTEN = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EFBIG)
 CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
 
 
 def main() -> None:
     """Run the command line; a `Refusal` is one line and exit code 2."""
+    streams.own()
     _cache_compiled()
-    # At once and without unwinding: files are written whole or not at all, and an exception
-    # that is raised inside a callback of jax gets lost. Trainings listen for themselves.
-    before = signal.signal(signal.SIGINT, _stop)
+    with interrupts.heard():
+        code = _run(sys.argv[1:])
+    sys.exit(streams.finish(code))
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        return _command(arguments)
+    except (Refusal, Misused) as refusal:
+        print(f"skydog: {refusal}", file=sys.stderr)
+    except BrokenPipeError:
+        return streams.broken()
+    except Exception as problem:
+        if isinstance(problem, OSError) and problem.filename is None and problem.errno in UNWRITTEN:
+            return streams.failed(problem)
+        if not isinstance(problem, MemoryError) and "RESOURCE_EXHAUSTED" not in str(problem):
+            raise
+        print(
+            "skydog: out of memory; try fewer --cases, --sheep or --steps, or a larger --every",
+            file=sys.stderr,
+        )
+    return REFUSED
+
+
+def _command(arguments: list[str]) -> int:
+    if arguments in (["--version"], ["-V"]):
+        print(f"skydog {__version__}")
+        return 0
+    names = [command.__name__ for command in COMMANDS]
+    if arguments and arguments[0] not in names and not arguments[0].startswith("-"):
+        near = difflib.get_close_matches(arguments[0], names, 1)
+        hint = f"did you mean skydog {near[0]}?" if near else f"choose from {', '.join(names)}"
+        raise Refusal(f"no command is called {arguments[0]!r:.60}; {hint}")
     app = tyro.extras.SubcommandApp()
     for command in COMMANDS:
         app.command(command)
@@ -42,14 +78,12 @@ def main() -> None:
             prog="skydog",
             description="Aerial shepherding: one drone herds a swarm of ground robots.\n\n"
             "Example: skydog herd",
+            args=arguments,
             config=CONFIG,
         )
-    except Refusal as refusal:
-        print(f"skydog: {refusal}", file=sys.stderr)
-        code = 2
-    finally:
-        signal.signal(signal.SIGINT, before)
-    sys.exit(code)
+    except SystemExit as left:  # tyro has shown a help, or what it could not read
+        return left.code if isinstance(left.code, int) else 0
+    return code or 0
 
 
 def _cache_compiled() -> None:
@@ -76,11 +110,6 @@ def _processor() -> str:
     lines = text.read_text().splitlines() if text.exists() else [platform.processor()]
     able = next((line for line in lines if line.startswith(("flags", "Features"))), lines[0])
     return f"{platform.machine()}-{zlib.crc32(able.encode()):08x}"
-
-
-def _stop(*_: object) -> None:
-    print("\nskydog: stopped", file=sys.stderr, flush=True)
-    os._exit(STOPPED)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rich.console import Console
+from rich.console import Console, Group
+from rich.measure import Measurement
 from rich.progress import (
     Progress,
     TaskID,
@@ -19,8 +20,9 @@ from rich.progress import (
 )
 from rich.progress import track as rich_track
 from rich.table import Table
+from rich.text import Text
 
-from skydog.errors import Refusal
+from skydog.errors import Refusal, one_line
 from skydog.learning.workers import Job, Message
 
 if TYPE_CHECKING:
@@ -28,19 +30,21 @@ if TYPE_CHECKING:
 
 Thing = TypeVar("Thing")
 
+WIDEST = 10_000  # columns of a table
+
 # Results go to the standard output, everything about their making to the standard error.
 progress_console = Console(stderr=True)
 
 
 def say(text: str) -> None:
     """Tell what is being done."""
-    progress_console.print(text, highlight=False, markup=False, soft_wrap=True)
+    progress_console.print(one_line(text), highlight=False, markup=False, soft_wrap=True)
 
 
 def say_beyond(shepherd: str, asked: Sequence[str]) -> None:
     """Say what a mission asks of a shepherd beyond what it was taught, if anything."""
     if asked:
-        say(f"{shepherd} was taught {'; '.join(asked)}. It flies all the same.")
+        say(f"{shepherd} was trained {'; '.join(asked)}. It flies anyway.")
 
 
 def say_over(traces: "Trace") -> None:
@@ -105,7 +109,7 @@ def missions(count: int, name: str = "missions") -> Iterator[Callable[[int, int]
 
 
 class TrainingBars:
-    """The progress of all trainings, and of each that runs: reward, success, steps a second."""
+    """The progress of all trainings, and of each that runs: reward, steps a second."""
 
     def __init__(self, jobs: Sequence[Job]):
         self._bars = Progress(
@@ -149,8 +153,8 @@ class TrainingBars:
             self._bars.update(
                 row,
                 completed=message.progress.step,
-                message=f"reward {message.progress.reward_per_action:+.3f}, "
-                f"{message.progress.success:4.0%} arrive, {speed or 0:6,.0f} steps/s",
+                message=f"reward per action {message.progress.reward_per_action:+.3f}, "
+                f"{speed or 0:6,.0f} steps/s",
             )
         elif message.ended == "done":
             self._done[job.name] = job.curriculum.steps
@@ -204,5 +208,36 @@ def show(results: dict[str, Any], as_json: bool, as_paper: bool = True) -> None:
 
 
 def print_table(table: Table) -> None:
-    """Print a table on the standard output."""
-    Console().print(table)
+    """Print a table on the standard output, below each other what does not fit beside each other.
+
+    A file or a pipe has room for every table.
+    """
+    console = ResultConsole()
+    needs = Measurement.get(console, console.options.update(width=WIDEST), table).maximum
+    if needs > console.width and not console.is_terminal:
+        console.width = needs
+    console.print(table if needs <= console.width else stacked(table))
+
+
+def stacked(table: Table) -> Group:
+    """A table for a narrow terminal: each row a block, and in it a line for each column."""
+    head, *columns = table.columns
+    blocks: list[Any] = []
+    for row, name in enumerate(head.cells):
+        block = Table(box=None, show_header=False, padding=(0, 1, 0, 0))
+        block.add_column(overflow="fold")
+        block.add_column(overflow="fold")
+        for column in columns:
+            # Lines of one figure stand beside each other: the mean, then its interval.
+            cell = str(list(column.cells)[row]).replace("\n", " ")
+            block.add_row(Text(str(column.header)), Text(cell))
+        blocks += [Text(str(name), style="bold"), block, Text()]
+    return Group(*blocks, Text(str(table.caption or "")))
+
+
+class ResultConsole(Console):
+    """The standard output. A reader that has gone is for the command to notice, as any other."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise the `BrokenPipeError` that is being handled."""
+        raise

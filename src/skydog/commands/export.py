@@ -5,14 +5,22 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from skydog.commands.flags import Goal, GoalRadius, MaybeArena, Nearness, Preset, world_of
+from skydog.commands.flags import (
+    Goal,
+    GoalRadius,
+    MaybeArena,
+    MaybeFile,
+    Nearness,
+    Preset,
+    world_of,
+)
 from skydog.errors import Refusal
 
 
 def export(
     sheepdog: Positional[Annotated[str, arg(metavar="SHEEPDOG")]],
     onnx: bool = False,
-    out: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE")] = None,
+    out: MaybeFile = None,
     preset: Preset = "paper",
     arena: MaybeArena = None,
     goal: Goal = None,
@@ -21,9 +29,9 @@ def export(
 ) -> int:
     """Write a sheepdog as one file that flies without skydog.
 
-    An ONNX file holds the gate, both skills and the dog's limits: positions in metres go in, and
-    a velocity in m/s comes out, for one dog and any number of sheep. The world is inside, so
-    that another arena is another file. See docs/export.md.
+    An ONNX file contains the gate, both skills and the dog's limits. Its inputs are positions in
+    metres, its output is a velocity in m/s, for one dog and any number of sheep. The world is part
+    of the file, so another arena needs another file. See docs/export.md.
 
     Example: skydog export h-ddpg-4x4 --onnx -o dog.onnx --arena 6
 
@@ -31,13 +39,13 @@ def export(
         sheepdog: Its file, run folder or name, such as h-ddpg-4x4.
         onnx: As ONNX, the only format so far.
         out: The file; if not given, the sheepdog's name, or its run folder's, and .onnx.
-        preset: The world that it is to fly in; see skydog presets.
-        arena: Side of the arena in metres; the one that it learnt in if not given.
-        goal: The goal's place in metres, such as 4,4; the preset's own if not given.
-        goal_radius: The goal's radius 𝔻 in metres; the preset's own if not given. It stands in
-            the file for whoever reads it: the dog's flight does not depend on it.
-        nearness: Which stray is collected: 0 is the furthest, 1 the one at hand; the preset's own
-            if not given. See skydog test --help.
+        preset: The world that it will fly in; see skydog presets.
+        arena: Side of the arena in metres; if not given, that of its training.
+        goal: The goal's position in metres, such as 4,4; the preset's own if not given.
+        goal_radius: The goal's radius 𝔻 in metres; the preset's own if not given. The file
+            states it, but the dog's flight does not depend on it.
+        nearness: Which stray is collected: 0 the furthest, 1 prefers one near the dog; the
+            preset's own if not given. See skydog test --help.
     """
     if not onnx:
         raise Refusal("export needs a format; add --onnx")

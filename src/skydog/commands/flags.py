@@ -1,28 +1,81 @@
 """Flags that several commands have, and what a command exits with. Free to import."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
+from tyro.constructors import PrimitiveConstructorSpec
 
+from skydog import quantities
 from skydog.errors import Refusal
+from skydog.quantities import Quantity
 
 if TYPE_CHECKING:
     from skydog.world.params import World
 
 STOPPED = 130  # what a shell says of a command that Ctrl-C ended
 
-Out = Annotated[Path, arg(metavar="FOLDER")]
-MaybeOut = Annotated[Path | None, arg(metavar="FOLDER")]
+
+class Misused(Exception):
+    """A flag's value that was refused. No ValueError: tyro would frame it in a box of its own."""
+
+
+def number(quantity: Quantity, metavar: str) -> PrimitiveConstructorSpec[Any]:
+    """How the command line reads a number, or a number that may be left out."""
+    return _one_word(quantity.checked, metavar)
+
+
+def _path(word: str) -> Path:
+    if not word:
+        raise Refusal("a path is empty; name a file or a folder, or leave the option out")
+    return Path(word)
+
+
+def _one_word(read: Callable[[str], Any], metavar: str) -> PrimitiveConstructorSpec[Any]:
+    def from_words(words: list[str]) -> Any:
+        try:
+            return read(words[0])
+        except Refusal as refusal:
+            raise Misused(str(refusal)) from None
+
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=from_words,
+        is_instance=lambda value: True,
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+Out = Annotated[Path, _one_word(_path, "FOLDER")]
+MaybeOut = Annotated[Path | None, _one_word(_path, "FOLDER")]
+File = Annotated[Path, _one_word(_path, "FILE"), arg(aliases=["-o"])]
+MaybeFile = Annotated[Path | None, _one_word(_path, "FILE"), arg(aliases=["-o"])]
+MaybeFilm = Annotated[Path | None, _one_word(_path, "FILE.mp4")]
 Preset = Annotated[str, arg(metavar="NAME")]
 MaybePreset = Annotated[str | None, arg(metavar="NAME")]
-Arena = Annotated[float, arg(metavar="METRES")]
-MaybeArena = Annotated[float | None, arg(metavar="METRES")]
+Arena = Annotated[float, number(quantities.ARENA, "METRES")]
+MaybeArena = Annotated[float | None, number(quantities.ARENA, "METRES")]
 OwnWorld = Annotated[str | None, arg(metavar="FILE.py:NAME")]
-MaybeSheep = Annotated[int | None, arg(metavar="INT")]
+Sheep = Annotated[int, number(quantities.SHEEP, "INT")]
+MaybeSheep = Annotated[int | None, number(quantities.SHEEP, "INT")]
+Dogs = Annotated[int, number(quantities.DOGS, "INT")]
+Cases = Annotated[int, number(quantities.CASES, "INT")]
+Steps = Annotated[int, number(quantities.STEPS, "INT")]
+FlightSteps = Annotated[int, number(quantities.FLIGHT_STEPS, "INT")]
+Every = Annotated[int, number(quantities.EVERY, "INT")]
+Seed = Annotated[int, number(quantities.SEED, "INT")]
+Seeds = Annotated[int, number(quantities.SEEDS, "INT")]
+TrainingSteps = Annotated[int, number(quantities.TRAINING, "INT")]
+Episodes = Annotated[int, number(quantities.EPISODES, "INT")]
 Goal = Annotated[str | None, arg(metavar="X,Y")]
-GoalRadius = Annotated[float | None, arg(metavar="METRES")]
-Nearness = Annotated[float | None, arg(metavar="SHARE")]
+GoalRadius = Annotated[float | None, number(quantities.GOAL_RADIUS, "METRES")]
+Nearness = Annotated[float | None, number(quantities.NEARNESS, "SHARE")]
+Speed = Annotated[float, number(quantities.SPEED, "SHARE")]
+Wait = Annotated[float | None, number(quantities.WAIT, "METRES")]
+Port = Annotated[int, number(quantities.PORT, "INT")]
+Threads = Annotated[int, number(quantities.THREADS, "INT")]
 Json = Annotated[bool, arg(name="json")]
 
 

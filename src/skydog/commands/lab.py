@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from skydog import files
-from skydog.commands.flags import STOPPED, Json, MaybeOut
-from skydog.errors import Refusal
+from skydog.commands.flags import STOPPED, FlightSteps, Json, MaybeOut, Seed, Speed, Wait
+from skydog.errors import Refusal, one_line
 
 if TYPE_CHECKING:
     from skydog.lab.orders import Orders
@@ -38,40 +38,41 @@ def lab(
     adapter: Adapter | None = None,
     sheepdog: Annotated[str, arg(metavar="SHEEPDOG|strombom")] = "h-ddpg-6x6",
     disturb: Annotated[str, arg(metavar="NAME")] = "lab",
-    speed: Annotated[float, arg(metavar="SHARE")] = 1.0,
-    wait: Annotated[float | None, arg(metavar="METRES")] = None,
-    steps: int = 1000,
-    seed: int = 0,
+    speed: Speed = 1.0,
+    wait: Wait = None,
+    steps: FlightSteps = 1000,
+    seed: Seed = 0,
     out: MaybeOut = None,
     as_json: Json = False,
 ) -> int:
-    """Fly a sheepdog in a laboratory: motion capture in, commands out, a supervisor in between.
+    """Fly a sheepdog in a laboratory, with motion capture and a safety supervisor.
 
-    SITE.toml says what there is: see docs/lab.md and examples/sites. Nothing takes off before you
-    say so, and space stops: once to hold, twice to land, three times to cut the motors.
+    SITE.toml describes the laboratory: see docs/lab.md and examples/sites. Nothing takes off
+    before you say so. The space key stops: once to hold, twice to land, three times to cut the
+    motors.
 
-    skydog lab --emulate flies the whole chain on this machine instead, in real time: the twin's
-    bodies, a tracker over UDP, a ROS master or DDS. skydog lab check SITE.toml says line by line
-    what a site file lacks. skydog lab faults breaks one thing after another in emulated flights.
-    skydog lab recover LOG makes the log of a killed flight whole again.
+    skydog lab --emulate runs the whole chain on this machine instead, in real time: the physics
+    twin, a tracker over UDP, a ROS master or DDS. skydog lab check SITE.toml says line by line
+    what is missing or wrong in a site file. skydog lab faults injects one fault after another in
+    emulated flights. skydog lab recover LOG repairs the log of a flight that was killed.
 
     Example: skydog lab --emulate --faults silent-1
 
     Args:
-        what: A site file to fly; or check and a site file; or faults, and names of faults if not
-            all; or recover and the log of a flight.
+        what: A site file to fly; or check and a site file; or faults, with names of faults or
+            none for all; or recover and the log of a flight.
         emulate: Fly an emulated laboratory on this machine.
-        faults: Of an emulated flight: what goes wrong three seconds into the mission. It is flown
-            over ros1.
-        transport: What an emulated flight speaks to its robots: ros1, or dds as ROS 2 does. If
-            not given, ros1 where rospy is installed.
-        adapter: The emulated drone: ardrone-autonomy if not given, over dds twist-dds.
-        sheepdog: Who flies an emulated flight: a file, run folder or name, or strombom.
-        disturb: What goes wrong in an emulated flight all the time: none, mild or lab.
+        faults: The fault of an emulated flight, three seconds after the mission begins. The
+            flight uses ros1.
+        transport: The protocol of an emulated flight: ros1, or dds, which ROS 2 uses. If not
+            given, ros1 if rospy is installed, else dds.
+        adapter: The emulated drone; if not given, ardrone-autonomy, and over dds twist-dds.
+        sheepdog: The shepherd of an emulated flight: a file, run folder or name, or strombom.
+        disturb: The disturbances during an emulated flight: none, mild or lab.
         speed: Share of the world's speeds at which an emulated flight moves.
-        wait: Take the next set-point only once the drone is so near to the last one.
+        wait: Take the next set-point only when the drone is nearer than this to the last one.
         steps: Maximum steps of an emulated mission.
-        seed: Random seed of an emulated flight: its start, and what goes wrong.
+        seed: Random seed of an emulated flight: of its start and its disturbances.
         out: The folder of the flight log; runs/lab/ and the time if not given.
         as_json: Print the results as JSON.
     """
@@ -187,12 +188,6 @@ def _emulate(
     from skydog.twin import Twin, starts
     from skydog.world import presets
 
-    if not 0.0 < speed <= 1.0:
-        raise Refusal(f"--speed is a share from 0 to 1, got {speed:g}; try --speed 0.5")
-    if not 0 <= seed < 1 << 63:
-        raise Refusal(f"--seed is from 0 to 2^63 - 1, got {seed}; try --seed 1")
-    if not 1 <= steps <= 100_000:
-        raise Refusal(f"there are 1 to 100,000 steps, got {steps}; try --steps 1000")
     Twin(disturb=disturb, wait=wait).check()
     world = presets.preset("paper-physical")
     size = float(world.arena.size)
@@ -264,21 +259,21 @@ def _check(path: Path, as_json: bool) -> int:
     """Print what a site file has, and what to write."""
     import json
 
-    from rich.console import Console
-
+    from skydog.commands import console
     from skydog.lab import check, site
 
     lines = check.lines(site.load(path))
     if as_json:
         print(json.dumps([line._asdict() for line in lines], indent=2))
     else:
-        screen = Console()
+        screen = console.ResultConsole()
         for line in lines:
             mark = "[green]ok[/]   " if line.ok else "[red]write[/]"
             screen.print(mark, end=" ")
-            screen.print(line.what, highlight=False, markup=False)
+            screen.print(one_line(line.what), highlight=False, markup=False)
             if line.write:
-                screen.print(f"      {line.write}", highlight=False, markup=False, soft_wrap=True)
+                write = f"      {one_line(line.write)}"
+                screen.print(write, highlight=False, markup=False, soft_wrap=True)
     return 0 if all(line.ok for line in lines) else 2
 
 

@@ -6,7 +6,7 @@ from skydog.commands.flags import Json
 
 
 def presets(as_json: Json = False) -> int:
-    """List the named sets of parameters, with their values in SI units.
+    """List the presets: worlds with names, and their values in SI units.
 
     Example: skydog presets --json
 
@@ -14,9 +14,9 @@ def presets(as_json: Json = False) -> int:
         as_json: Print them as JSON instead of a table.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Column, Table
 
+    from skydog.commands import console
     from skydog.world import presets, serialise
 
     values = {name: serialise.flatten(presets.preset(name)) for name in presets.PRESETS}
@@ -33,9 +33,12 @@ def presets(as_json: Json = False) -> int:
     )
     names = dict.fromkeys(name for preset in values.values() for name in preset)
     for name in sorted(names, key=lambda name: name.split(".")[0] != "flock"):
-        table.add_row(name, *(str(preset.get(name, "—")) for preset in values.values()))
-    console = Console()
-    console.print(table)
+        table.add_row(name, *(_short(preset.get(name, "—")) for preset in values.values()))
+    console.print_table(table)
     for name, preset in presets.PRESETS.items():
-        console.print(f"[bold]{name}[/]: {(preset.__doc__ or '').splitlines()[0]}")
+        print(f"{name}: {(preset.__doc__ or '').splitlines()[0]}")
     return 0
+
+
+def _short(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

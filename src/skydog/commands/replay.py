@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from skydog import files
+from skydog.commands.flags import File
 from skydog.errors import Refusal
 
 if TYPE_CHECKING:
@@ -14,16 +15,16 @@ if TYPE_CHECKING:
 
 def replay(
     traces: Positional[Annotated[tuple[Path, ...], arg(metavar="TRACE")]],
-    out: Annotated[Path, arg(aliases=["-o"], metavar="FILE")] = Path("replay.html"),
+    out: File = Path("replay.html"),
 ) -> int:
     """Show missions again: an animated page for the browser, a GIF or an MP4.
 
     Example: skydog replay runs/herd/traces/H-DDPG-4x4.safetensors -o flock.mp4
 
     Args:
-        traces: Missions, as skydog herd and skydog test --out write them; or flight logs, each
-            by its folder or its .mcap.
-        out: The page; or, by its ending, .gif or .mp4, a film of the missions side by side.
+        traces: Traces of missions, which skydog herd and skydog test --out write; or flight logs,
+            each by its folder or its .mcap file.
+        out: The page (.html); or a film of the missions side by side (.gif or .mp4).
     """
     from skydog.view import replay as view
 

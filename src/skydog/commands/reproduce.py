@@ -1,11 +1,10 @@
-"""`skydog reproduce`: train the paper's study, fly all of it, and hold it against the paper."""
+"""`skydog reproduce`: train and fly the paper's study, and compare it with the paper."""
 
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skydog.commands.flags import STOPPED, Json, MaybeOut
-from skydog.errors import Refusal
+from skydog.commands.flags import STOPPED, Episodes, Json, MaybeOut, Seeds
 
 if TYPE_CHECKING:
     from skydog.commands.zoo import Plan
@@ -16,31 +15,28 @@ if TYPE_CHECKING:
 
 def reproduce(
     out: MaybeOut = None,
-    seeds: int = 8,
-    episodes: int = 3_000,
+    seeds: Seeds = 8,
+    episodes: Episodes = 3_000,
     from_zoo: bool = False,
     physical: bool = False,
     as_json: Json = False,
 ) -> int:
-    """Regenerate the paper's simulation study, or its physical one, beside its own numbers.
+    """Repeat the paper's simulation study or its physical study, and compare with the paper.
 
-    Trains every sheepdog of the study, flies the paper's eight scenarios and more, and writes
-    report.html and results.json with every table, figure and claim, and a verdict on each.
-    Stopped by Ctrl-C, it continues where it was when it is called again.
+    Trains all sheepdogs of the study, flies the paper's eight scenarios and more, and writes
+    report.html and results.json with all tables, figures and claims, and a verdict on each claim.
+    After Ctrl-C, call it again to continue.
 
     Example: skydog reproduce --from-zoo
 
     Args:
         out: The run folder; runs/reproduce, or runs/physical, if not given.
-        seeds: Sheepdogs of each kind.
-        episodes: Episodes of each skill's training; the paper has 3000.
+        seeds: Number of sheepdogs of each kind, one per seed.
+        episodes: Training episodes of each skill; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
-        physical: Fly the paper's physical study, in the physics twin, and what physics costs.
+        physical: Repeat the paper's physical study, in the physics twin.
         as_json: Print the results as JSON instead of a table.
     """
-    for name, value in (("seeds", seeds), ("episodes", episodes)):
-        if value < 1:
-            raise Refusal(f"there are at least 1 {name}, got {value}; try --{name} 8")
     from skydog.commands import console
     from skydog.commands.zoo import Plan
     from skydog.study import evaluate, report, reproduction

@@ -1,4 +1,4 @@
-"""`skydog train`: teach one sheepdog, or several at once, and test each."""
+"""`skydog train`: train one sheepdog, or several at once, and test each."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,11 +13,13 @@ from skydog.commands.flags import (
     Out,
     OwnWorld,
     Preset,
+    Seed,
+    Seeds,
+    TrainingSteps,
     goal_of,
     one_world,
     own_sheep,
 )
-from skydog.errors import Refusal
 from skydog.learning.options import Bodies, Learner, Reward
 from skydog.shepherds.options import Frame
 
@@ -30,9 +32,9 @@ CASES = 30  # missions that test a sheepdog
 
 def train(
     out: Out = Path("runs/train"),
-    seed: int = 0,
-    seeds: int = 1,
-    steps: int = 150_000,
+    seed: Seed = 0,
+    seeds: Seeds = 1,
+    steps: TrainingSteps = 150_000,
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,
@@ -47,16 +49,16 @@ def train(
     tensorboard: bool = False,
     as_json: Json = False,
 ) -> int:
-    """Teach one sheepdog, or several at once, and test each.
+    """Train one sheepdog, or several at once, and test each.
 
-    Every sheepdog is two trainings, collect and drive, and every training has a core of its
-    own. Its folder holds learning curves as CSV, checkpoints, and at the end the sheepdog.
-    Ctrl-C keeps what was learnt, and --resume continues bit for bit.
+    A sheepdog needs two trainings, of the skills collect and drive. Each training runs on its
+    own core. The folder of a sheepdog has its learning curves as CSV, its checkpoints, and at
+    the end the sheepdog. Ctrl-C loses nothing: --resume continues with the same results.
 
     Example: skydog train --seeds 8 --out runs/eight
 
     Args:
-        out: The run folder; of several sheepdogs each has its own in it, such as seed-3.
+        out: The run folder; each of several sheepdogs has its own folder in it, such as seed-3.
         seed: Random seed of the first sheepdog.
         seeds: How many sheepdogs, one per seed.
         steps: Training steps for each of the two skills.
@@ -64,17 +66,17 @@ def train(
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
         arena: Side of the arena in metres; the world's own if not given.
-        goal: The goal's place in metres, such as 4,4; the world's own if not given. A sheepdog of
-            the folded frame herds to any.
+        goal: The goal's position in metres, such as 4,4; the world's own if not given. A
+            sheepdog with the folded frame herds to any goal.
         goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock; as many as the world has if not given, 3 in a preset.
-        learner: `ddpg` makes the paper's H-DDPG; `dqn` its predecessor DHRL, of four actions.
+        learner: `ddpg` trains the paper's H-DDPG, `dqn` the earlier DHRL with its four actions.
         reward: Reward function of the lessons; `paper` is the paper's ±0.1.
-        frame: `folded` by the symmetries of the square, so that what was learnt for one direction
-            serves all; `paper` for the world's own axes, and lessons with one goal.
-        bodies: How dogs and sheep move in the lessons: `ideal` as commanded, `physical` late,
-            adrift and slowly, as they do in the twin.
-        resume: Continue an interrupted run, bit for bit.
+        frame: `folded`: the dog sees the arena mirrored so that one skill works in all
+            directions. `paper`: it sees the world's axes, and the lessons have one goal.
+        bodies: How dogs and sheep move in the lessons: `ideal`: as commanded; `physical`: with
+            delay, drift and inertia, as in the twin.
+        resume: Continue an interrupted run; the results are those of a run without interruption.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
         as_json: Print the results as JSON instead of a table.
     """
@@ -120,7 +122,7 @@ def run(
     `fly` flies the missions of the test. Raises `Refusal` for an `out` that cannot be written or
     that holds trainings already, unless they are to be resumed.
     """
-    from skydog import files
+    from skydog import files, quantities
     from skydog.commands import console, training
     from skydog.shepherds import store
     from skydog.study import evaluate, report
@@ -128,8 +130,7 @@ def run(
     from skydog.world import presets
     from skydog.world.mission import MAX_STEPS
 
-    if count < 1:
-        raise Refusal(f"there is at least 1 sheepdog to teach, got {count}; try --seeds 8")
+    quantities.SEEDS.checked(count)
     world = curriculum.world()
     if curriculum.as_paper:
         world = presets.furthest_first(world)
@@ -139,7 +140,7 @@ def run(
         training.refuse_to_overwrite(folders.values())
     write = console.tensorboard(out / "tensorboard") if tensorboard else None
     out = files.folder(out)
-    console.say(f"Teaching {count} x 2 skills, {curriculum.steps:,} steps each:")
+    console.say(f"Training {count} x 2 skills, {curriculum.steps:,} steps each:")
     todo = [
         job
         for seed, folder in folders.items()

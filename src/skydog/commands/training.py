@@ -2,20 +2,22 @@
 
 import platform
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from skydog import files
 from skydog.commands import console
 from skydog.errors import Refusal
 from skydog.learning import workers
 from skydog.learning.curriculum import Curriculum
+from skydog.learning.history import History
 from skydog.learning.options import Skill
-from skydog.learning.train import History, checkpoint_in, init, load
+from skydog.learning.train import checkpoint_in, init, load
 from skydog.learning.workers import Job
 from skydog.shepherds import scope
 from skydog.shepherds.sheepdog import Sheepdog
@@ -55,6 +57,18 @@ def fuse(curriculum: Curriculum, folder: Path, seed: int) -> tuple[Sheepdog, dic
     return Sheepdog(skills["collect"], skills["drive"], size, curriculum.frame), histories
 
 
+def on_the_way(
+    curriculum: Curriculum, sheepdog: Sheepdog, histories: dict[Skill, History]
+) -> dict[int, Sheepdog]:
+    """The sheepdog by the steps that it had been taught each skill: untaught at 0, up to itself."""
+    collect, drive = histories["collect"], histories["drive"]
+    dogs = {
+        int(step): replace(sheepdog, collect=collect.skill(step), drive=drive.skill(step))
+        for step in np.intersect1d(collect.step, drive.step)
+    }
+    return dogs | {curriculum.steps: sheepdog}
+
+
 def card(
     curriculum: Curriculum, seed: int, command: str, results: dict[str, Any]
 ) -> dict[str, Any]:
@@ -82,6 +96,7 @@ def card(
             f"{name} {figure}": value["mean"] if isinstance(value, dict) else value
             for name, row in results.items()
             for figure, value in row.items()
+            if value is not None
         },
         "versions": {
             "python": platform.python_version(),

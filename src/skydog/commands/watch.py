@@ -5,11 +5,13 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from skydog.commands.flags import (
+    Dogs,
     Goal,
     GoalRadius,
     MaybeArena,
     MaybeSheep,
     OwnWorld,
+    Port,
     Preset,
     goal_of,
     one_world,
@@ -25,15 +27,15 @@ def watch(
     goal: Goal = None,
     goal_radius: GoalRadius = None,
     sheep: MaybeSheep = None,
-    dogs: int = 1,
+    dogs: Dogs = 1,
     host: str = "127.0.0.1",
-    port: int = 8020,
+    port: Port = 8020,
     open_browser: bool = False,
 ) -> int:
     """Play with a flock in the browser: drag the dog or the goal, or fly against the sheepdog.
 
-    Serves a page at an address of this machine until Ctrl-C. On the page, choose who flies, the
-    world, the arena, sheep, dogs, speed and noise; pause, step, and race the sheepdog.
+    Serves a page on this machine until Ctrl-C. On the page you can choose the shepherd, the world,
+    the arena, sheep, dogs, speed and noise. You can pause, step, and race against the sheepdog.
 
     Example: skydog watch h-ddpg-4x4 --sheep 12 --open-browser
 
@@ -42,24 +44,18 @@ def watch(
         preset: The world that pages begin with; see skydog presets.
         world: Your own world to begin with: the name of a world, or of a function of arena and
             sheep, in a Python file, which is run. See docs/own.md.
-        arena: Side of the arena in metres; as wide as the flock needs if not given.
-        goal: The goal's place in metres, such as 4,4; the world's own if not given.
+        arena: Side of the arena in metres; if not given, as large as the flock needs.
+        goal: The goal's position in metres, such as 4,4; the world's own if not given.
         goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock, 1 to 200; as many as the world has if not given.
         dogs: Dogs, 1 to 8.
-        host: The address to listen at; any but 127.0.0.1 can be reached from other computers.
-        port: The port to listen at; 0 is any that is free.
+        host: The address to listen at. Other computers can reach all addresses except 127.0.0.1;
+            0.0.0.0 means all addresses of this machine. See docs/watch.md.
+        port: The port to listen at; 0 means any free port.
         open_browser: Open the page in the browser at once.
     """
     from skydog.view import live
     from skydog.world import loading, presets
-
-    def ready(url: str) -> None:
-        print(f"{url}  (Ctrl-C ends)", flush=True)
-        if open_browser:
-            import webbrowser
-
-            webbrowser.open(url)
 
     one_world(preset, world)
     worlds = dict(presets.PRESETS)
@@ -69,7 +65,7 @@ def watch(
         worlds = {preset: loading.maker(world), **worlds}
     sheep = own_sheep(world, sheep)
     shepherds = live.policies(shepherd)
-    live.serve(
+    with live.serve(
         shepherds,
         shepherd,
         preset,
@@ -78,10 +74,15 @@ def watch(
         dogs,
         host,
         port,
-        ready,
         worlds,
         goal_of(goal),
         goal_radius,
         live.cards(shepherds),
-    )
+    ) as server:
+        print(f"{server.url}  (Ctrl-C ends)", flush=True)
+        if open_browser:
+            import webbrowser
+
+            webbrowser.open(server.url)
+        server.wait()
     return 0

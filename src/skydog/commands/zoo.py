@@ -10,8 +10,8 @@ import numpy as np
 from skydog import files
 from skydog.commands import training
 from skydog.learning.curriculum import Curriculum
+from skydog.learning.history import Curve
 from skydog.learning.lessons import HORIZON
-from skydog.learning.train import Curve
 from skydog.learning.workers import Job
 from skydog.shepherds import store
 from skydog.shepherds.options import Frame

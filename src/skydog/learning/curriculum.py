@@ -5,6 +5,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, get_args
 
+from skydog import quantities
 from skydog.errors import Refusal
 from skydog.learning.options import Bodies, Learner, Reward, Skill
 from skydog.shepherds.options import Frame
@@ -121,10 +122,7 @@ class Curriculum:
 def _world(curriculum: Curriculum) -> "World":
     from skydog.world import loading, mission, presets
 
-    if curriculum.steps < 1:
-        raise Refusal(
-            f"a skill is trained for at least 1 step, got {curriculum.steps}; try --steps 150000"
-        )
+    quantities.TRAINING.checked(curriculum.steps)
     if curriculum.frame not in get_args(Frame):
         raise Refusal(
             f"no frame is called {curriculum.frame!r}; choose from {', '.join(get_args(Frame))}"

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
+from skydog import quantities
 from skydog.errors import Refusal
 from skydog.study.options import ShippedStarts, Starts
 from skydog.world import herding, mission, params
@@ -38,10 +39,9 @@ def cases(
     are uniform in the arena. Raises `Refusal` for a count below one, unknown starts or,
     with `paper` starts, another number of sheep than three.
     """
-    if count < 1:
-        raise Refusal(f"a test needs at least 1 case, got {count}; try --cases 30")
     check(starts, sheep, dogs)
-    keys = jax.random.split(jax.random.key(seed), count)
+    key = jax.random.key(quantities.SEED.checked(seed))
+    keys = jax.random.split(key, quantities.CASES.checked(count))
     return _drawn(params.traced(world), keys, starts, index(sheep), index(dogs))
 
 
@@ -73,10 +73,8 @@ def check(starts: str, sheep: int, dogs: int) -> None:
     """Raise `Refusal` for starts that cannot be drawn."""
     if starts not in get_args(Starts):
         raise Refusal(f"no starts are called {starts!r}; choose from {', '.join(get_args(Starts))}")
-    if sheep < 1:
-        raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
-    if dogs < 1:
-        raise Refusal(f"a mission needs at least 1 dog, got {dogs}; try --dogs 1")
+    quantities.SHEEP.checked(sheep)
+    quantities.DOGS.checked(dogs)
     if starts == "paper" and sheep != len(PAPER_LAYOUT):
         raise Refusal(
             f"the paper starts place {len(PAPER_LAYOUT)} sheep, this flock has {sheep}; "

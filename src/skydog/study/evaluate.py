@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from operator import index
 from typing import Any
 
 import equinox as eqx
@@ -12,6 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
+from skydog import quantities
 from skydog.errors import Refusal
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
@@ -52,13 +52,11 @@ def fly(
     alone. Every metric is the same for it, to rounding. The trace takes 8 bytes per sheep, mission
     and recorded instant, and some 40 per dog, mission and instant.
     """
-    if every is not None and every < 1:
-        raise Refusal(
-            f"the sheep are recorded every 1 instant or more, got {every}; try --every 10"
-        )
+    if every is not None:
+        every = quantities.EVERY.checked(every)
     keys = None if key is None else jax.random.split(key, len(starts.sheep))
     steps = mission.count(steps)
-    every = steps + 1 if every is None else index(every)
+    every = steps + 1 if every is None else every
     trace = _fly(params.traced(world), params.traced(shepherd), starts, steps, keys, every)
     _refuse_lost(trace)
     return trace
@@ -93,7 +91,8 @@ def row(traces: Trace) -> dict[str, Any]:
 
     `success` is the share of missions accomplished, `success_ci95` its Wilson interval. Each of
     `MEASURES` is a mean, SD and 95 % interval over all cases: a mission that failed counts
-    with all the steps it was given, so that giving up early never pays.
+    with all the steps it was given, so that giving up early never pays. None for a metric that is
+    not known of every mission.
     """
     return figures(measure(traces))
 
@@ -106,7 +105,10 @@ def figures(measured: dict[str, np.ndarray]) -> dict[str, Any]:
         "success": share,
         "success_ci95": interval,
         "cases": len(success),
-        **{how.__name__: statistics.summary(measured[how.__name__]) for how in MEASURES},
+        **{
+            name: None if np.isnan(measured[name]).any() else statistics.summary(measured[name])
+            for name in (how.__name__ for how in MEASURES)
+        },
     }
 
 

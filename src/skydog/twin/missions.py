@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skydog import quantities
 from skydog.errors import Refusal
 from skydog.flight import altitude, base, profiles, rovers, setpoints, station
 from skydog.flight.base import Base, Decided
@@ -46,7 +47,6 @@ from skydog.world.trace import (
 )
 
 SETTLES = 3.0  # s after the climb, before a mission begins
-MOST_THREADS = 1024
 LONGEST_CLIMB = 600.0  # s, of a take-off; ours
 BEYOND = 0.5  # m beyond airspace and walls where the cage hangs; ours
 
@@ -99,12 +99,9 @@ class Twin:
             )
         if not set(self.ideal) <= {"sheep", "dogs"}:
             raise Refusal(f"ideal bodies are 'sheep' or 'dogs', got {sorted(self.ideal)!r:.60}")
-        if self.wait is not None and not 0.0 < self.wait < float("inf"):
-            raise Refusal(f"a waypoint's tolerance is a length in metres, got {self.wait}; try 0.1")
-        if not 0 <= self.threads <= MOST_THREADS:
-            raise Refusal(
-                f"missions fly on 1 to {MOST_THREADS} cores, 0 for all, got {self.threads}; try 0"
-            )
+        if self.wait is not None:
+            quantities.WAIT.checked(self.wait)
+        quantities.THREADS.checked(self.threads)
         amounts = self.disturbances()
         for field in fields(amounts):
             value = getattr(amounts, field.name)

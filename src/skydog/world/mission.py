@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import wraps
-from operator import index
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
@@ -10,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skydog import quantities
 from skydog.errors import Refusal
 from skydog.world import herding, params
 from skydog.world.params import Dog, World
@@ -86,7 +86,7 @@ def limited(dog: Dog, velocity: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"
 
 
 def check(world: World, sheep: int, dogs: int = 1) -> World:
-    """The world, if its laws work for so many sheep and dogs: nothing is computed for it.
+    """The world, if its laws work for this number of sheep and dogs. Only shapes are computed.
 
     Raises `Refusal` for a law without its methods, for one that fails, and for one that returns
     something of another shape. What ships need not be checked.
@@ -249,9 +249,7 @@ def rollout(
 
 def count(steps: int) -> int:
     """The steps of a mission. Raises `Refusal` for fewer than none."""
-    if index(steps) < 0:
-        raise Refusal(f"a mission has 0 steps or more, got {steps}; try 1000")
-    return index(steps)
+    return 0 if steps == 0 else quantities.STEPS.checked(steps)
 
 
 @compiled_once
@@ -265,7 +263,7 @@ def _rollout(
 def instant(
     world: World, shepherd: Shepherd, steps: int, key: PRNGKeyArray | None
 ) -> Callable[[tuple[State, Array], Array], tuple[tuple[State, Array], Record]]:
-    """One instant of a mission, for a scan: (state, done) and its number to those after it.
+    """One step of a mission, for a scan: from (state, done) and its number to the next ones.
 
     The randomness of instant t is `jax.random.fold_in(key, t)`, split into one key to move and
     one to perceive; the former again into one for the sheep's law and one for the dogs' error.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import equinox as eqx
 
+from skydog import quantities
 from skydog.errors import Refusal
 from skydog.world.end import AllHome
 from skydog.world.home import StraightHome
@@ -15,8 +16,6 @@ from skydog.world.laws.strombom import StrombomFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import Arena, Dog, Sheep, World, check
 from skydog.world.spread import Spread, SquareRootSpread, TwoThirdsSpread
-
-MOST_NEAR = 1e6  # far more than any distance outweighs
 
 Point = tuple[float, float]
 """A place in the arena: x and y in metres."""
@@ -183,16 +182,12 @@ def make(
     What is None is the function's own. Raises `Refusal` as `preset` does, and for a law without
     its methods.
     """
-    if sheep < 1:
-        raise Refusal(f"a flock has at least 1 sheep, got {sheep}; try --sheep 3")
-    world = check(maker(sheep=sheep) if arena is None else maker(arena=arena, sheep=sheep))
+    sheep = quantities.SHEEP.checked(sheep)
+    given = {} if arena is None else {"arena": quantities.ARENA.checked(arena)}
+    world = check(maker(sheep=sheep, **given))
     if goal_radius is not None:
-        if not isinstance(goal_radius, int | float) or not 0.0 < goal_radius < math.inf:
-            raise Refusal(
-                f"the goal's radius is a length in metres, got {goal_radius!r:.60}; "
-                "try --goal-radius 2"
-            )
-        world = replace(world, arena=replace(world.arena, goal_radius=float(goal_radius)))
+        radius = quantities.GOAL_RADIUS.checked(goal_radius)
+        world = replace(world, arena=replace(world.arena, goal_radius=radius))
     radius = world.arena.goal_radius
     if not radius < world.arena.size < math.inf:
         raise Refusal(
@@ -204,17 +199,13 @@ def make(
 
 def with_nearness(world: World, nearness: float) -> World:
     """The world whose gate chooses strays so (see `Dog.nearness`). Raises `Refusal`."""
-    if not 0.0 <= nearness <= MOST_NEAR:
-        raise Refusal(
-            f"nearness is a share from 0 to {MOST_NEAR:g}, got {nearness}; try --nearness 1"
-        )
-    return replace(world, dog=replace(world.dog, nearness=float(nearness)))
+    nearness = quantities.NEARNESS.checked(nearness)
+    return replace(world, dog=replace(world.dog, nearness=nearness))
 
 
 def at_speed(world: World, share: float) -> World:
     """The world in which dogs and sheep move at a share of their speed. Raises `Refusal`."""
-    if not 0.0 < share <= 1.0:
-        raise Refusal(f"speed is a share larger than 0 and at most 1, got {share}; try --speed 0.5")
+    share = quantities.SPEED.checked(share)
     dog = replace(world.dog, speed=share * world.dog.speed)
     return replace(world, dog=dog, sheep=replace(world.sheep, speed=share * world.sheep.speed))
 
