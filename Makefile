@@ -23,11 +23,12 @@ format: $(VENV)/dev.stamp  ## Put the code into its format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-docs: $(VENV)/dev.stamp  ## Build the site: build/site/index.html
+docs: $(VENV)/dev.stamp  ## Build the site, and run its notebook: build/site/index.html
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs build/site
 
 peers: $(VENV)-peers/stamp  ## Show what other libraries say of our environments, and learn in them
-	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_checkers.py tests/envs/test_sb3.py
+	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_checkers.py tests/envs/test_sb3.py \
+		tests/envs/test_torchrl.py
 
 ros: $(VENV)/dev.stamp  ## Put ROS 1 (Debian: rospy and its master, 5 MB) beside the environment
 	.ci/ros $(BIN)/python

@@ -104,7 +104,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Contest:
-    """A thing that ours and others do, in turns on one core."""
+    """A thing that ours and others do, measured alternately on one core."""
 
     title: str
     unit: str
@@ -121,8 +121,9 @@ def bench(
 ) -> None:
     """Time skydog beside Stable-Baselines3, SBX and VMAS, and write one table.
 
-    Every contest runs in turns on one core, after compiling and warming up; the ratio is taken
-    round by round. Besides: what a second core brings, and the time and memory of `skydog herd`.
+    The programs of a contest run alternately on one core, after compiling and warming up; the
+    ratio is taken round by round. Besides: what a second core brings, and the time and memory of
+    `skydog herd`.
 
     Example: .venv/bin/python benchmarks/bench.py --out docs/benchmarks.md
 
@@ -200,8 +201,9 @@ def bench(
         "# Benchmarks",
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by `{shlex.join(sys.orig_argv)}` on "
-        f"{processor()}, {len(cores)} cores, no accelerator. One core each, in turns, "
-        f"{rounds} rounds of about {seconds:g} s; compiling and warming up are not timed.",
+        f"{processor()}, {len(cores)} cores, no accelerator. One core each, measured "
+        f"alternately in {rounds} rounds of about {seconds:g} s; compiling and warming up are not "
+        "timed.",
         "",
     ]
     versions: dict[str, str] = {"skydog's python": platform.python_version()}
@@ -218,14 +220,15 @@ def bench(
         "## What is compared",
         "",
         "**Training** is the *drive* lesson with the same networks, batch, memory, noise and one "
-        "update a step; theirs is the lesson over again in plain NumPy, so that it pays for no "
-        f"JAX. From {agreement.cases} random states the two differ by at most {furthest:.1e} in "
-        "observation, reward and next state, and their starts are alike. Stable-Baselines3 and "
-        "SBX have one learning rate for both networks, the critic's; skydog averages its actor "
-        "besides. torch has one thread.",
+        "update a step. The peers run a copy of the lesson in plain NumPy, so that they do not "
+        f"pay for JAX. From {agreement.cases} random states the two differ by at most "
+        f"{furthest:.1e} in observation, reward and next state, and their starts are alike. "
+        "Stable-Baselines3 and SBX have one learning rate for both networks, the critic's. skydog "
+        "also averages its actor. torch has one thread.",
         "",
         "**Worlds** are not the same task: VMAS has no shepherding. Flocking with four agents is "
-        "the nearest; its worlds have collisions and observations, ours the flock's forces.",
+        "the most similar task. Its worlds have collisions and observations, ours have the "
+        "flock's forces.",
         "",
         f"**Missions** are compiled whole with `XLA_FLAGS={WHOLE}`. XLA's own limit is 1,024 bytes "
         "a turn, beyond which it runs a loop operation by operation. It is not skydog's default: "

@@ -206,18 +206,19 @@ def document(runs: Path) -> str:
     """What was flown, as Markdown."""
     found = {path.stem: json.loads(path.read_text()) for path in sorted(runs.glob("*.json"))}
     lines = [
-        "# What was flown",
+        "# Emulated flights",
         "",
-        "Made by `python benchmarks/lab.py --out docs/flown.md`: the whole chain of [the lab]"
-        "(lab.md) in real time on one machine of "
+        "Made by `python benchmarks/lab.py --out docs/flown.md`. The whole chain of [the lab]"
+        "(lab.md) runs in real time on one machine of "
         f"{os.cpu_count()} cores ({platform.python_implementation()} "
-        f"{platform.python_version()}). The twin's bodies stand for the room; UDP, ROS 1's master "
-        "and DDS are real. Nothing here was flown by a real robot.",
+        f"{platform.python_version()}). The [twin](glossary.md#twin) replaces the room; UDP, "
+        "ROS 1's master and DDS are real. No real robot has flown.",
         "",
         "## The paper's physical rows",
         "",
-        "Each case is flown by the twin alone, and by the chain from the same start with the same "
-        "setting (`ardrone2`, `lab`, a waypoint's tolerance of 0.1 m, 0.12 of full speed).",
+        "Each [case](glossary.md#case) is flown twice from the same start with the same setting: "
+        "by the twin alone, and by the chain. The setting is the profile `ardrone2`, the "
+        "disturbances `lab`, waypoints reached to 0.1 m, and 0.12 of full speed.",
         "",
     ]
     lines += [report.markdown_table(*rows_table(found)), "", "## Other drones", ""]

@@ -62,8 +62,8 @@ def main() -> None:
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by `python benchmarks/scaling.py` on "
         f"{where}; skydog {version('skydog')}, jax {jax.__version__}, Python "
-        f"{platform.python_version()}; cells {'by numba' if _cells() else 'missing'}. The median "
-        "of three timings each, compiling not counted.",
+        f"{platform.python_version()}; cells {'by numba' if _cells() else 'missing'}. Each figure "
+        "is the median of three timings; compiling is not counted.",
         "",
     ]
     costs: dict[str, list[tuple[int, float]]] = {}

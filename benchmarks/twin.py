@@ -99,7 +99,7 @@ def twin(
 ) -> None:
     """Time the twin beside crazyflow and RotorPy, and write one table.
 
-    All run in turns on one core, after compiling and warming up; the ratio is taken round by
+    All run alternately on one core, after compiling and warming up; the ratio is taken round by
     round, of simulated seconds per second, as their physics steps are not equally long.
 
     Example: .venv/bin/python benchmarks/twin.py --out docs/twin_benchmarks.md
@@ -126,9 +126,9 @@ def twin(
         "# How fast the twin flies",
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by `{shlex.join(sys.orig_argv)}` on "
-        f"{processor()}, {len(cores)} cores, no accelerator. One core, in turns, {rounds} rounds "
-        f"of about {seconds:g} s, or of one call where that takes longer; compiling and warming "
-        "up are not timed. Speeds are medians over the rounds.",
+        f"{processor()}, {len(cores)} cores, no accelerator. One core each, measured "
+        f"alternately in {rounds} rounds of about {seconds:g} s, or of one call where that takes "
+        "longer; compiling and warming up are not timed. Speeds are medians over the rounds.",
         "",
     ]
     for title, rows in contests(peers).items():
@@ -231,10 +231,10 @@ def _notes() -> list[str]:
         "ratio is of simulated seconds per second, in all worlds together: the steps are not "
         "equally long.",
         "",
-        "**Flown, not only stepped.** Of ours the table has how many missions came home. A peer "
-        "flies a metre in 5 s, from rest to rest, again and again; its worker stops with an error "
-        "unless the drone began at least 0.85 m from the goal and ended at most 0.15 m from it. "
-        "The table has the largest miss.",
+        "**The drones really fly.** For our twin the table has how many missions were "
+        "accomplished. A peer flies a metre in 5 s, from rest to rest, again and again; its worker "
+        "stops with an error unless the drone began at least 0.85 m from the goal and ended at "
+        "most 0.15 m from it. The table has the largest distance at the end.",
         "",
         "**crazyflow** flies its default Crazyflie (`cf21B_500`) from first principles: physics "
         "and attitude at 500 Hz, position at 100 Hz. Its quick start calls it from Python 100 "

@@ -2,13 +2,17 @@
 
 import inspect
 import re
+import sys
 import typing
 from dataclasses import is_dataclass
+from pathlib import Path
 
 # Told before jaxtyping is imported: shapes then stand in signatures as Float[Array, '...'].
 typing.GENERATING_DOCUMENTATION = "skydog"  # pyright: ignore[reportAttributeAccessIssue]
 
 import skydog  # noqa: E402
+
+sys.path.insert(0, str(Path(__file__).parent))  # where checks.py is
 
 project = "skydog"
 author = "The skydog developers"
@@ -18,6 +22,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
+    "checks",
 ]
 
 html_theme = "furo"
@@ -28,10 +33,11 @@ exclude_patterns = ["_build"]
 
 myst_enable_extensions = ["dollarmath", "attrs_inline"]
 myst_heading_anchors = 4
-# The notebook is kept without outputs, so that a diff shows its words, and the tests run it. To
-# publish the site with its figures: sphinx-build -D nb_execution_mode=force ...
-nb_execution_timeout = 300
-nb_execution_mode = "off"
+# The notebook is kept without outputs, so that a diff shows its words. The build runs it, which
+# also tests it: an error in a cell fails the build.
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 1800  # seconds a cell: only a cell that hangs takes so long
 # A link to a source file, such as ../src/skydog/world/params.py, is a download here.
 suppress_warnings = ["mystnb.unknown_mime_type"]
 

@@ -9,7 +9,7 @@ from skydog.world import herding
 from skydog.world.mission import fastest
 from skydog.world.vectors import norm, unit
 
-BEHIND = 0.7  # cosine of the angle, seen from the flock, at which the dog turns in to its subgoal
+BEHIND = 0.7  # cosine of the angle, seen from the flock, above which it flies to its subgoal
 
 
 def circler(world: skydog.World, state: skydog.State):
