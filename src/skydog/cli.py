@@ -36,6 +36,7 @@ CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
 def main() -> None:
     """Run the command line; a `Refusal` is one line and exit code 2."""
     streams.own()
+    _own_settings()
     _cache_compiled()
     with interrupts.heard():
         code = _run(sys.argv[1:])
@@ -84,6 +85,18 @@ def _command(arguments: list[str]) -> int:
     except SystemExit as left:  # tyro has shown a help, or what it could not read
         return left.code if isinstance(left.code, int) else 0
     return code or 0
+
+
+def _own_settings() -> None:
+    """Let no setting that other programs want reach ours: the same command gives the same figures.
+
+    Workers inherit them. What a user may want of a command stays: the platform, caches, logs.
+    """
+    stays = ("PLATFORM", "CACHE", "LOG", "TRACEBACK", "DUMP", "VISIBLE_DEVICES", "CPU_DEVICES")
+    for name in [name for name in os.environ if name.startswith("JAX_")]:
+        if not any(part in name for part in stays):
+            del os.environ[name]
+    os.environ["MPLBACKEND"] = "agg"
 
 
 def _cache_compiled() -> None:

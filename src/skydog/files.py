@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.numpy import load, save
 
 from skydog.errors import Refusal
@@ -179,7 +179,7 @@ def read_toml(path: Path, kind: str, largest: int) -> dict[str, Any]:
     except Refusal:
         raise
     except (ValueError, RecursionError) as problem:
-        raise Refusal(f"{path} is no TOML: {problem!s:.120}") from None
+        raise Refusal(f"{path} is not valid TOML: {problem!s:.120}") from None
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray], card: dict[str, Any]) -> None:
@@ -213,8 +213,20 @@ def load_arrays(
     return arrays, card
 
 
+def read_card(path: Path, kind: str) -> dict[str, Any]:
+    """The card of what `save_arrays` wrote, without the arrays. Raises `Refusal`."""
+    try:
+        with safe_open(path, framework="numpy") as file:
+            card = json.loads(file.metadata()[CARD], parse_constant=_no_constant)
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise Refusal(f"{path} is damaged or not a {kind} of skydog; make it again") from None
+    if not isinstance(card, dict) or card.get("kind") != kind:
+        raise Refusal(f"{path} is not a {kind} of skydog, its card says {_kind(card)!r}")
+    return card
+
+
 def plain(value: Any) -> Any:
-    """A tree of values as JSON would give it back: lists for tuples, text for keys.
+    """Nested values as JSON returns them: lists for tuples, text for keys.
 
     A number that is not finite becomes None, since JSON has none.
     """

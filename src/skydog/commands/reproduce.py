@@ -4,9 +4,13 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skydog import files
 from skydog.commands.flags import STOPPED, Episodes, Json, MaybeOut, Seeds
+from skydog.errors import Refusal
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from skydog.commands.zoo import Plan
     from skydog.study.scenarios import Trained
     from skydog.world.mission import Fly
@@ -39,36 +43,35 @@ def reproduce(
     """
     from skydog.commands import console
     from skydog.commands.zoo import Plan
-    from skydog.study import evaluate, report, reproduction
+    from skydog.study import evaluate
 
-    if physical:
-        from skydog.commands import physical as study
-        from skydog.study.physical import summary
+    command = console.command_line()
+    out = out or Path("runs/physical" if physical else "runs/reproduce")
+    if from_zoo and files.exists(out / "trainings"):
+        raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
+    with files.claimed(out):
+        if physical:
+            from skydog.commands import physical as study
+            from skydog.study.physical import summary
 
-        found = study.run(
-            out or Path("runs/physical"), seeds, episodes, from_zoo, console.command_line()
-        )
-        if found is None:
-            return STOPPED
-        if as_json:
-            print(json.dumps(found, indent=2))
+            results = study.run(out, seeds, episodes, from_zoo, command)
+            table = summary
         else:
-            console.print_table(summary(found))
-        return 0
-    results = run(
-        out or Path("runs/reproduce"),
-        Plan(seeds, episodes),
-        from_zoo,
-        console.command_line(),
-        evaluate.fly,
-    )
+            results = run(out, Plan(seeds, episodes), from_zoo, command, evaluate.fly)
+            table = _table
     if results is None:
         return STOPPED
     if as_json:
         print(json.dumps(results, indent=2))
     else:
-        console.print_table(report.table(reproduction.rows(results)))
+        console.print_table(table(results))
     return 0
+
+
+def _table(results: dict[str, Any]) -> "Table":
+    from skydog.study import report, reproduction
+
+    return report.table(reproduction.rows(results))
 
 
 def run(out: Path, plan: "Plan", from_zoo: bool, command: str, fly: "Fly") -> dict[str, Any] | None:
@@ -77,7 +80,6 @@ def run(out: Path, plan: "Plan", from_zoo: bool, command: str, fly: "Fly") -> di
     What was trained in the folder before is not trained again; `fly` flies the missions. Raises
     `Refusal` for an `out` that cannot be written or that holds trainings of another kind.
     """
-    from skydog import files
     from skydog.commands import console, training, zoo
     from skydog.study import scenarios
 

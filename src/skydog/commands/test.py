@@ -25,6 +25,7 @@ from skydog.commands.flags import (
     own_sheep,
     world_of,
 )
+from skydog.errors import Refusal
 from skydog.shepherds.options import AtPoint
 from skydog.study.options import Starts
 
@@ -108,9 +109,9 @@ def test(
             f"Add --world {card['own_world']} to fly it there."
         )
     console.say_beyond(shepherd, scope.beyond(card, where, sheep))
-    name = evaluate.scenario(steers, where)
-    if world is not None:
-        name += f"-{loading.title(world)}"
+    name = evaluate.scenario(steers, where, store.called(shepherd, card), sheep, dogs)
+    if world is not None or preset != "paper":
+        name += f"-{preset if world is None else loading.title(world)}"
     drawn = draws.cases(where, cases, starts, seed, sheep, dogs)
     key = evaluate.noise_key(where, seed)
     # The metrics need the sheep at the start and at the end alone; a trace's file shows more.
@@ -139,8 +140,8 @@ def run(
     from skydog.study import evaluate, report
     from skydog.world import trace as traces
 
-    if out is not None:
-        files.folder(out)
+    if out is not None and files.exists(files.folder(out) / report.RESULTS):
+        raise Refusal(f"{out} holds results already; choose another --out")
     flown = fly(world, shepherd, starts, steps, key)
     console.say_over(flown)
     results = {name: evaluate.row(flown)}

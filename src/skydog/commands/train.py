@@ -24,7 +24,10 @@ from skydog.learning.options import Bodies, Learner, Reward
 from skydog.shepherds.options import Frame
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from skydog.learning.curriculum import Curriculum
+    from skydog.learning.workers import Message
     from skydog.world.mission import Fly
 
 CASES = 30  # missions that test a sheepdog
@@ -124,22 +127,37 @@ def run(
     """
     from skydog import files, quantities
     from skydog.commands import console, training
+
+    quantities.SEEDS.checked(count)
+    curriculum.world()  # what cannot be is refused before anything is written
+    seeds = range(seed, seed + count)
+    folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
+    if not resume:
+        training.refuse_to_overwrite(folders.values())
+    write = console.tensorboard(out / "tensorboard") if tensorboard else None
+    with files.claimed(out):
+        return _train(out, curriculum, folders, resume, write, command, fly)
+
+
+def _train(
+    out: Path,
+    curriculum: "Curriculum",
+    folders: dict[int, Path],
+    resume: bool,
+    write: "Callable[[Message], None] | None",
+    command: str,
+    fly: "Fly",
+) -> dict[str, Any] | None:
+    from skydog.commands import console, training
     from skydog.shepherds import store
     from skydog.study import evaluate, report
     from skydog.study.cases import PAPER_LAYOUT, cases
     from skydog.world import presets
     from skydog.world.mission import MAX_STEPS
 
-    quantities.SEEDS.checked(count)
-    world = curriculum.world()
+    count, world = len(folders), curriculum.world()
     if curriculum.as_paper:
         world = presets.furthest_first(world)
-    seeds = range(seed, seed + count)
-    folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
-    if not resume:
-        training.refuse_to_overwrite(folders.values())
-    write = console.tensorboard(out / "tensorboard") if tensorboard else None
-    out = files.folder(out)
     console.say(f"Training {count} x 2 skills, {curriculum.steps:,} steps each:")
     todo = [
         job

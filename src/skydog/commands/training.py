@@ -17,7 +17,7 @@ from skydog.learning import workers
 from skydog.learning.curriculum import Curriculum
 from skydog.learning.history import History
 from skydog.learning.options import Skill
-from skydog.learning.train import checkpoint_in, init, load
+from skydog.learning.train import KIND, checkpoint_in, init, load
 from skydog.learning.workers import Job
 from skydog.shepherds import scope
 from skydog.shepherds.sheepdog import Sheepdog
@@ -36,6 +36,8 @@ def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | No
     """Train every job in its folder; tell whether all were finished. `write` gets every message."""
     for job in todo:
         files.folder(job.folder)
+        if job.resume and files.exists(checkpoint_in(job.folder)):
+            _refuse_another(job)
     with console.TrainingBars(todo) as bars:
 
         def update(message: workers.Message) -> None:
@@ -44,6 +46,25 @@ def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | No
                 write(message)
 
         return workers.run(todo, update)
+
+
+def _refuse_another(job: Job) -> None:
+    """Raise `Refusal`, in the words of the command line, for a training of other options."""
+    theirs = files.read_card(checkpoint_in(job.folder), KIND)
+    seed = theirs.get("seed")
+    if isinstance(seed, int):
+        theirs["seed"] = workers.typed(seed)
+    for name, ours in {**job.card, "seed": job.seed}.items():
+        if theirs.get(name) != ours:
+            option = f"--{name.replace('_', '-')}"
+            raise Refusal(
+                f"{job.folder.parent} was trained with {option} {_typed(theirs.get(name))}, not "
+                f"{_typed(ours)}; resume with the same options, or choose another --out"
+            )
+
+
+def _typed(value: Any) -> str:
+    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def fuse(curriculum: Curriculum, folder: Path, seed: int) -> tuple[Sheepdog, dict[Skill, History]]:
@@ -63,8 +84,8 @@ def on_the_way(
     """The sheepdog by the steps that it had been taught each skill: untaught at 0, up to itself."""
     collect, drive = histories["collect"], histories["drive"]
     dogs = {
-        int(step): replace(sheepdog, collect=collect.skill(step), drive=drive.skill(step))
-        for step in np.intersect1d(collect.step, drive.step)
+        step: replace(sheepdog, collect=collect.skill(step), drive=drive.skill(step))
+        for step in np.intersect1d(collect.step, drive.step).tolist()
     }
     return dogs | {curriculum.steps: sheepdog}
 
@@ -114,5 +135,5 @@ def stopped(command: str, resumes: bool = False) -> None:
 def refuse_to_overwrite(folders: Iterable[Path]) -> None:
     """Raise `Refusal` for a folder that holds a training already."""
     for folder in folders:
-        if any(checkpoint_in(folder / skill).exists() for skill in SKILLS):
+        if any(files.exists(checkpoint_in(folder / skill)) for skill in SKILLS):
             raise Refusal(f"{folder} holds a training; add --resume, or choose another --out")

@@ -125,7 +125,8 @@ def twin(
     uav, rover = profiles.uav(profile), profiles.rover(rovers)
     Twin(profile, rovers, disturb, wait, steering, threads=threads).check()
     drawn = draws.draw(where, cases, starts, uav, rover, seed, sheep, dogs)
-    name = f"{evaluate.scenario(steers, where)}-{uav.name}"
+    called = store.called(shepherd, card)
+    name = f"{evaluate.scenario(steers, where, called, sheep, dogs)}-{uav.name}"
     if world is not None:
         name += f"-{loading.title(world)}"
     with console.missions(cases) as update:

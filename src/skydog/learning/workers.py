@@ -41,6 +41,16 @@ class Job:
         return {**self.curriculum.card(), "skill": self.skill}
 
 
+def drawn(job: Job) -> int:
+    """The seed that a job draws from: the two skills of a sheepdog draw different numbers."""
+    return 2 * job.seed + (job.skill == "drive")
+
+
+def typed(seed: int) -> int:
+    """The seed of a sheepdog, from one that a job of it draws from."""
+    return seed // 2
+
+
 @dataclass(frozen=True)
 class Message:
     """A worker's message about its job: progress, or how it ended."""
@@ -145,12 +155,10 @@ def _train(job: Job, link: Connection) -> bool:
         return not link.poll()  # told to stop, or the parent is gone
 
     curriculum = job.curriculum
-    # The lessons of one sheepdog are two trainings: they must not draw the same numbers.
-    seed = 2 * job.seed + (job.skill == "drive")
     training, history = train.train(
         curriculum.lesson(job.skill),
         curriculum.config(),
-        seed,
+        drawn(job),
         curriculum.steps,
         job.folder,
         job.card,

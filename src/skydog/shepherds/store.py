@@ -1,5 +1,6 @@
 """A trained sheepdog as a file: weights in safetensors, and a card that says what they are."""
 
+import re
 from pathlib import Path
 from typing import Any, get_args
 
@@ -20,6 +21,7 @@ POLICIES = {"actor": Actor, "chooser": GreedyQ}  # what a card calls the kinds o
 FILE = "sheepdog.safetensors"
 ZOO = Path(__file__).parent / "zoo"
 LARGEST = 1 << 26  # bytes
+LONGEST_NAME = 60  # characters
 DEEPEST, WIDEST = 16, 4096  # layers, nodes a layer
 
 
@@ -90,6 +92,20 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
         )
     collect, drive = (_skill(path, skill, arrays, policy) for skill in ("collect", "drive"))
     return Sheepdog(collect, drive, float(arena), frame), card
+
+
+def called(path: str | Path, card: dict[str, Any]) -> str | None:
+    """What a sheepdog is called in tables: as its card says, or else as its file; None for a rule.
+
+    The name may become that of a file: other letters than those of our own names are dashes.
+    """
+    if not card:
+        return None
+    name = card.get("name")
+    if not isinstance(name, str) or not name:
+        file = find(Path(path))
+        name = file.absolute().parent.name if file.name == FILE else file.stem
+    return re.sub(r"[^A-Za-z0-9_+.-]", "-", name[:LONGEST_NAME]).strip(".-") or "sheepdog"
 
 
 def ships() -> list[str]:

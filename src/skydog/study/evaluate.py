@@ -62,18 +62,32 @@ def fly(
     return trace
 
 
-def scenario(shepherd: Shepherd, world: World) -> str:
-    """The paper's name for a shepherd in an arena: H-DDPG-4x4, or H-DDPG-4x4to6x6 if it learnt
-    in another."""
+def scenario(
+    shepherd: Shepherd,
+    world: World,
+    called: str | None = None,
+    sheep: int = 3,
+    dogs: int = 1,
+) -> str:
+    """The name of a row of figures: the paper's where it is the paper's scenario.
+
+    H-DDPG-4x4 has learnt in 4 m and flies there, H-DDPG-4x4to6x6 flies in 6 m. `called` is what
+    the sheepdog's card calls it; one that was trained in another way keeps a name of its own.
+    Another flock than the paper's 3 sheep and 1 dog is in the name too.
+    """
     flown = f"{world.arena.size:g}x{world.arena.size:g}"
+    name = f"{type(shepherd).__name__}-{flown}"
     if isinstance(shepherd, Strombom):
-        return f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"
-    if not isinstance(shepherd, Sheepdog):
-        return f"{type(shepherd).__name__}-{flown}"
-    home = f"{shepherd.arena:g}x{shepherd.arena:g}"
-    learnt = "" if shepherd.arena == world.arena.size else f"{home}to"
-    kind = "H-DDPG" if shepherd.drive.stretches else "DHRL"
-    return f"{kind}-{learnt}{flown}{'-paper-frame' * (shepherd.frame == 'paper')}"
+        name = f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"
+    elif isinstance(shepherd, Sheepdog):
+        kind = "H-DDPG" if shepherd.drive.stretches else "DHRL"
+        home = f"{shepherd.arena:g}x{shepherd.arena:g}"
+        plain = f"{kind}-{home}"
+        called = called or plain + "-paper-frame" * (shepherd.frame == "paper")
+        to = "" if home == flown else f"to{flown}"
+        own = called == plain or called.startswith(f"{plain}-")
+        name = f"{plain}{to}{called.removeprefix(plain)}" if own else f"{called}-{flown}"
+    return name + f"-{sheep}-sheep" * (sheep != 3) + f"-{dogs}-dogs" * (dogs != 1)
 
 
 def noise_key(world: World, seed: int) -> PRNGKeyArray | None:

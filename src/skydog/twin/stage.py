@@ -11,7 +11,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib
 import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -260,4 +259,6 @@ def _turn(angle: float) -> Float[np.ndarray, "3 3"]:
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
     """The font of all our figures."""
-    return ImageFont.truetype(Path(matplotlib.get_data_path(), "fonts/ttf/DejaVuSans.ttf"), size)
+    from matplotlib import get_data_path  # once `skydog.view` has seen to its import
+
+    return ImageFont.truetype(Path(get_data_path(), "fonts/ttf/DejaVuSans.ttf"), size)
