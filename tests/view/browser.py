@@ -19,7 +19,7 @@ QUIET = (
     "--disable-component-update",
     "--disable-sync",
 )
-PATIENCE = 60  # seconds: a busy machine compiles slowly
+PATIENCE = 600  # seconds: only what hangs takes so long, on however busy a machine
 
 
 @contextmanager

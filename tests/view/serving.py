@@ -1,9 +1,9 @@
 """The live view's server, for the tests of its manners and of its page."""
 
-import asyncio
-import threading
-from concurrent.futures import Future
-from contextlib import contextmanager
+import http.client
+from urllib.parse import urlsplit
+
+from browser import PATIENCE
 
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
@@ -12,24 +12,19 @@ from skydog.view import live
 SHEPHERDS = {"strombom": Strombom(), "h-ddpg-4x4": store.load("h-ddpg-4x4")}
 
 
-@contextmanager
-def serving(shepherds=SHEPHERDS, chosen="h-ddpg-4x4", port=0):
-    """A server in a thread of its own, as long as the context lasts."""
-    found = Future()
+def serving(shepherds=SHEPHERDS, chosen="h-ddpg-4x4", port=0, **options):
+    """A server, as long as the context lasts."""
+    return live.serve(shepherds, chosen, port=port, **options)
 
-    async def run():
-        over = asyncio.Event()
-        begin = live.opening(shepherds, chosen)
-        async with live.listening(shepherds, begin, "127.0.0.1", port) as url:
-            found.set_result((url, asyncio.get_running_loop(), over))
-            await over.wait()
 
-    server = threading.Thread(target=lambda: asyncio.run(run()))
-    server.start()
-    url, loop, over = found.result(60)
+def asked(url, path="/", method="GET", **headers):
+    """What the server answers: status, headers and content."""
+    place = urlsplit(url)
+    assert place.hostname
+    wire = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
     try:
-        yield url
+        wire.request(method, path, headers=headers)
+        response = wire.getresponse()
+        return response.status, dict(response.headers), response.read().decode()
     finally:
-        loop.call_soon_threadsafe(over.set)
-        server.join(60)
-        assert not server.is_alive()
+        wire.close()

@@ -54,8 +54,10 @@ def test_panels_show_every_path_at_one_scale():
 
 def test_one_seed_is_a_line_without_a_band():
     (axes,) = figures.learning_curves({"collect": [curve(EPISODES)]}).axes
-    (line,) = axes.lines
-    np.testing.assert_allclose(points(line), np.stack(curve(EPISODES)).T)
+    faint, line = axes.lines
+    np.testing.assert_allclose(points(faint), np.stack(curve(EPISODES)).T)
+    smooth = figures.smoothed(curve(EPISODES)[1])
+    np.testing.assert_allclose(points(line), np.stack([EPISODES, smooth]).T)
     assert not axes.collections
     assert line.get_color() == ROLES["collect"]
 
@@ -63,12 +65,37 @@ def test_one_seed_is_a_line_without_a_band():
 def test_seeds_are_their_mean_and_sd_as_far_as_the_shortest_goes():
     seeds = [curve(EPISODES, 0.001), curve(EPISODES[:8] + 3, 0.003)]
     (axes,) = figures.learning_curves({"drive": seeds}).axes
-    (line,), (band,) = axes.lines, axes.collections
-    shortest = EPISODES[:8] + 3
+    (_, line), (band,) = axes.lines, axes.collections
+    shortest = EPISODES[:8] + 3  # of so few nothing is smoothed
     np.testing.assert_allclose(points(line), np.stack(curve(shortest, 0.002)).T)
     spread = np.std([0.001, 0.003], ddof=1) * shortest[-1]
     top = np.max(np.asarray(band.get_paths()[0].vertices)[:, 1])
     assert top == pytest.approx(0.002 * shortest[-1] + spread)
+
+
+@pytest.mark.parametrize(("rows", "window"), [(300, 10), (40, 4), (5, 1)])
+def test_a_curve_is_smoothed_by_the_mean_of_the_latest_rows(rows, window):
+    values = np.random.default_rng(0).normal(size=rows)
+    expected = [values[max(0, row + 1 - window) : row + 1].mean() for row in range(rows)]
+    np.testing.assert_allclose(figures.smoothed(values), expected, atol=1e-12)
+
+
+def test_missions_are_drawn_over_the_training_steps_beside_the_rule_dog():
+    def row(success, steps):
+        interval = [success - 0.1, success + 0.1], [steps - 9, steps + 9]
+        mean = {"mean": steps, "sd": 9, "ci95": interval[1]}
+        return {"success": success, "success_ci95": interval[0], "cases": 30, "steps": mean}
+
+    rows, rule = {0: row(0.1, 900), 5_000: row(0.8, 200)}, row(0.9, 120)
+    curves = {skill: curve(EPISODES) for skill in ("collect", "drive")}
+    success, collect, steps, drive = figures.learning(rows, rule, curves).axes
+    for axes, values, level in ((success, [10, 80], 90), (steps, [900, 200], 120)):
+        line, reference = axes.lines
+        np.testing.assert_allclose(points(line), np.stack([[0, 5], values]).T)
+        np.testing.assert_allclose(points(reference)[:, 1], level)
+        assert len(axes.collections) == 1
+    for axes, skill in ((collect, "collect"), (drive, "drive")):
+        assert axes.lines[1].get_color() == ROLES[skill]
 
 
 def test_a_skill_without_ten_episodes_yet_has_an_empty_panel():

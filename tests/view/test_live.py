@@ -1,4 +1,4 @@
-import http.client
+import asyncio
 import json
 import math
 import signal
@@ -6,16 +6,18 @@ import socket
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 import pytest
-from serving import SHEPHERDS, serving
+from browser import PATIENCE
+from serving import SHEPHERDS, asked, serving
 
 from skydog.errors import Refusal
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
-from skydog.view import live
+from skydog.view import connection, live
 from skydog.view.colours import ROLES
 from skydog.view.session import TOWARD
 
@@ -58,8 +60,8 @@ def test_the_policies_have_the_chosen_sheepdog_first_and_all_that_ship():
 
 @pytest.fixture(scope="module")
 def url():
-    with serving() as url:
-        yield url
+    with serving() as server:
+        yield server.url
 
 
 class Player:
@@ -67,7 +69,7 @@ class Player:
 
     def __init__(self, url, **options):
         address = url.replace("http", "ws") + "live"
-        self.connecting = client.connect(address, open_timeout=60, **options)
+        self.connecting = client.connect(address, open_timeout=PATIENCE, **options)
         self.world = {}
 
     def __enter__(self):
@@ -83,10 +85,11 @@ class Player:
         self.wire.send(json.dumps(message))
 
     def hear(self):
-        return json.loads(self.wire.recv(timeout=120))
+        return json.loads(self.wire.recv(timeout=PATIENCE))
 
     def seen(self, told):
-        self.say(seen=told["frame"])
+        if "frame" in told:
+            self.say(seen=told["frame"])
         self.world |= told
 
     def frame(self):
@@ -147,8 +150,8 @@ def test_a_flood_of_messages_leaves_the_others_playing(url):
 
 def test_a_page_hears_of_its_session_again_even_after_a_flood_that_it_did_not_look_at(url):
     with Player(url) as player:
-        told = [player.hear() for _ in range(live.AHEAD)]
-        for _ in range(2 * live.PENDING):
+        told = [player.hear() for _ in range(connection.AHEAD)]
+        for _ in range(2 * connection.PENDING):
             player.say(reset=True)
         assert "wait already" in player.hear()["error"]
         player.say(seen=told[-1]["frame"])
@@ -156,7 +159,7 @@ def test_a_page_hears_of_its_session_again_even_after_a_flood_that_it_did_not_lo
 
 
 def test_the_moves_of_a_pointer_in_a_row_are_the_latest_and_none_is_let_go_unheard():
-    inbox = live.Inbox()
+    inbox = connection.Inbox()
     for at in range(200):
         inbox.put({"hold": ("dog", 0, (float(at), 0.0))})
     inbox.put({"hold": None})
@@ -169,10 +172,11 @@ def test_the_moves_of_a_pointer_in_a_row_are_the_latest_and_none_is_let_go_unhea
 
 def test_a_page_that_draws_nothing_is_sent_no_more_than_it_can_be_behind(url):
     with Player(url) as player:
-        told = [player.hear() for _ in range(live.AHEAD)]
+        told = [player.hear() for _ in range(connection.AHEAD)]
         assert all("frame" in message for message in told)
-        with pytest.raises(TimeoutError):
-            player.wire.recv(timeout=0.5)
+        for _ in range(3):
+            player.wire.send("rubbish")
+            assert "error" in player.hear()  # and no frame before it
         player.say(seen=told[-1]["frame"])
         assert player.plays_on()
 
@@ -191,7 +195,8 @@ def test_a_shepherd_that_fails_is_told_of_and_another_flies_on(caplog):
     def lost(world, state):
         raise RuntimeError("which way?")
 
-    with serving({"strombom": Strombom(), "lost": lost}, "strombom") as url, Player(url) as player:
+    shepherds = {"strombom": Strombom(), "lost": lost}
+    with serving(shepherds, "strombom") as server, Player(server.url) as player:
         player.say(policy="lost")
         assert player.error() == "lost failed: 'which way?'"
         while not player.frame()["settings"]["paused"]:
@@ -200,18 +205,6 @@ def test_a_shepherd_that_fails_is_told_of_and_another_flies_on(caplog):
         player.say(paused=False)
         assert player.plays_on()
     assert "lost failed" in caplog.text
-
-
-def asked(url, path="/", method="GET", **headers):
-    place = urlsplit(url)
-    assert place.hostname
-    wire = http.client.HTTPConnection(place.hostname, place.port, timeout=60)
-    try:
-        wire.request(method, path, headers=headers)
-        response = wire.getresponse()
-        return response.status, dict(response.headers), response.read().decode()
-    finally:
-        wire.close()
 
 
 def test_the_page_holds_all_it_needs_and_may_run_nothing_else(url):
@@ -231,22 +224,27 @@ def test_other_addresses_are_not_found(url):
     assert asked(url, "/../live.py")[0] == 404
 
 
-def test_a_foreign_name_and_a_foreign_page_stay_outside(url):
-    port = urlsplit(url).port
-    assert asked(url, Host=f"localhost:{port}")[0] == 200
-    for host in (f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}", ""):
-        assert asked(url, Host=host)[0] == 403
-    with Player(url, origin=f"http://localhost:{port}") as player:
-        assert player.frame()
-    for origin in ("http://evil.example", f"https://127.0.0.1:{port}", "null", url):
-        with pytest.raises(exceptions.InvalidStatus, match="403"), Player(url, origin=origin):
-            pass
+def test_it_is_served_from_a_notebooks_loop_and_from_a_thread_and_leaves_nothing():
+    before = set(threading.enumerate())
+
+    async def cell():
+        with serving() as server, Player(server.url) as player:
+            assert player.plays_on()
+        return server
+
+    with ThreadPoolExecutor() as pool:
+        for server in asyncio.run(cell()), pool.submit(asyncio.run, cell()).result(PATIENCE):
+            place = urlsplit(server.url)
+            with pytest.raises(ConnectionRefusedError):
+                socket.create_connection((place.hostname, place.port))
+            server.close()  # once more does no harm
+    assert set(threading.enumerate()) <= before
 
 
 def test_what_is_no_http_is_turned_away_and_the_server_stays(url):
     place = urlsplit(url)
     for rubbish in (b"\x00\xff" * 50, b"POST / HTTP/1.1\r\n\r\n", b"GET /\r\n\r\n", b""):
-        with socket.create_connection((place.hostname, place.port), timeout=60) as wire:
+        with socket.create_connection((place.hostname, place.port), timeout=PATIENCE) as wire:
             wire.sendall(rubbish)
             wire.shutdown(socket.SHUT_WR)
             while wire.recv(4096):
@@ -257,7 +255,7 @@ def test_what_is_no_http_is_turned_away_and_the_server_stays(url):
 def test_a_port_that_is_taken_is_refused_with_the_next(url):
     port = urlsplit(url).port
     with pytest.raises(Refusal, match=f"port {port} is taken; try --port {port + 1}"):
-        served(port=port)
+        serving(port=port)
 
 
 @pytest.mark.parametrize(
@@ -265,69 +263,50 @@ def test_a_port_that_is_taken_is_refused_with_the_next(url):
     [
         ({"port": 70_000}, "try --port 8020"),
         ({"port": -1}, "try --port 8020"),
-        ({"host": "0.0.0.0"}, "try --host 127.0.0.1"),
-        ({"host": "0"}, "try --host 127.0.0.1"),
-        ({"host": "0:0::0"}, "try --host 127.0.0.1"),
         ({"host": "127..0.1"}, "try --host 127.0.0.1"),
         ({"host": ""}, "try --host 127.0.0.1"),
-        ({"host": "*"}, "try --host 127.0.0.1"),
         ({"host": "no.such.host.invalid"}, "try --host 127.0.0.1"),
         ({"host": "203.0.113.7"}, "try --host 127.0.0.1"),
     ],
 )
 def test_where_nobody_can_listen_is_refused_with_the_remedy(where, remedy):
     with pytest.raises(Refusal, match=remedy):
-        served(**{"port": 0, **where})
-
-
-def served(**where):
-    """`serve`, in a thread, since a browser's driver has a loop in this one."""
-    raised = []
-
-    def run():
-        try:
-            live.serve(SHEPHERDS, "strombom", **where)
-        except Refusal as refusal:
-            raised.append(refusal)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join(60)
-    raise raised[0]
+        serving(**where)
 
 
 def test_without_websockets_the_line_to_install_it_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "websockets.asyncio.server", None)
     with pytest.raises(Refusal, match=r"pip install 'skydog\[watch\]'"):
-        served(port=0)
+        serving()
 
 
 def test_a_server_that_ends_cuts_its_connections_and_waits_for_nobody():
     with ExitStack() as stay:
-        with serving() as url:
-            place = urlsplit(url)
+        with serving() as server:
+            place = urlsplit(server.url)
             stay.enter_context(socket.create_connection((place.hostname, place.port)))
-            player = stay.enter_context(Player(url))
+            player = stay.enter_context(Player(server.url))
         with pytest.raises(exceptions.ConnectionClosedError):  # and not by a farewell
             player.error()
 
 
-def test_ctrl_c_ends_the_server_in_silence():
+@pytest.mark.parametrize("ends", ["server.wait()", "input()"])
+def test_a_program_ends_by_ctrl_c_or_by_itself_in_silence(ends):
     # A shell may have told those that it starts in the background to ignore Ctrl-C.
     code = (
         "import signal\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from skydog.shepherds.strombom import Strombom\n"
         "from skydog.view import live\n"
-        "live.serve({'strombom': Strombom()}, 'strombom', port=0,\n"
-        "           ready=lambda url: print(url, flush=True))\n"
+        "server = live.serve({'strombom': Strombom()}, 'strombom', port=0)\n"
+        f"print(server.url, flush=True)\n{ends}\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as server:
-        assert server.stdout
-        place = urlsplit(server.stdout.readline().strip())
-        with socket.create_connection((place.hostname, place.port)):
-            server.send_signal(signal.SIGINT)
-            _, errors = server.communicate(timeout=60)
-    assert (server.returncode, errors) == (0, "")
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen([sys.executable, "-c", code], text=True, **pipes) as program:
+        assert program.stdout
+        with Player(program.stdout.readline().strip()) as player:
+            assert player.plays_on()
+            if ends == "server.wait()":
+                program.send_signal(signal.SIGINT)
+            _, errors = program.communicate("\n", timeout=PATIENCE)
+    assert (program.returncode, errors) == (0, "")

@@ -4,11 +4,13 @@ What is told of a place or a step is told of a paused session, which goes on whe
 a page without motion, which shows what it has heard.
 """
 
+import threading
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from browser import chromium, opened, pixels, until, waited
+from browser import opened, pixels, until, waited
+from proxy import proxied
 from serving import serving
 
 pytest.importorskip("websockets")
@@ -16,14 +18,8 @@ pytest.importorskip("websockets")
 
 @pytest.fixture(scope="module")
 def url():
-    with serving() as url:
-        yield url
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
+    with serving() as server:
+        yield server.url
 
 
 @pytest.fixture
@@ -101,7 +97,7 @@ def test_a_mission_is_drawn_and_told_of_until_it_is_accomplished(page):
     to_the_end(page)
     until(page, "skydog.flights[0].done")
     assert page.inner_text(".step") == str(step(page))
-    assert page.inner_text(".now > .doing") == "accomplished"
+    assert page.inner_text(".doing") == "accomplished"
     assert page.inner_text(".home") == "3 of 3"
     assert page.inner_text(".news").startswith(f"home in {step(page)} steps")
 
@@ -236,21 +232,85 @@ def test_a_race_shows_two_worlds_and_tells_who_won(page):
 def test_a_page_finds_its_server_again_and_goes_on_with_its_choices(browser):
     with browser.new_context() as context:
         page = context.new_page()
-        with serving() as url:
-            page.goto(url)
+        with serving() as server:
+            page.goto(server.url)
             until(page, "window.skydog?.flights.length > 0")
             page.keyboard.press("2")
             until(page, "skydog.settings.mode === 'fly'")
         until(page, "document.querySelector('.link').textContent.startsWith('no connection')")
-        with serving(port=urlsplit(url).port, chosen="strombom"):
+        with serving(port=urlsplit(server.url).port or 0, chosen="strombom"):
             until(page, "document.querySelector('.link').textContent === 'live'")
             until(page, "skydog.settings.mode === 'fly' && skydog.settings.policy === 'h-ddpg-4x4'")
 
 
-def test_a_phone_in_the_dark_shows_everything_within_its_width(browser, url):
-    with opened(browser, url, has_touch=True, color_scheme="dark") as page:
-        page.set_viewport_size({"width": 390, "height": 844})
+def test_a_page_behind_a_proxy_plays_at_its_path_by_https(browser, url, tmp_path):
+    with (
+        proxied(url, tmp_path) as proxy,
+        opened(browser, proxy.url, ignore_https_errors=True) as page,
+    ):
+        until(page, "window.skydog?.flights[0]?.step > 1")
+
+
+def test_a_page_says_so_while_its_world_is_compiled(browser):
+    traces = threading.Event()
+
+    def slow(world, state):
+        traces.wait()
+        return 0.0 * state.dogs
+
+    try:
+        with serving({"slow": slow}, "slow") as server, opened(browser, server.url) as page:
+            for sheep in (3, 4):
+                page.locator("text=Compiling the world…").wait_for(state="visible")
+                traces.set()
+                page.locator("text=Compiling the world…").wait_for(state="hidden")
+                until(page, f"skydog.flights[0].sheep.length === {sheep}")
+                traces.clear()
+                page.fill("input.sheep", str(sheep + 1))
+            traces.set()
+    finally:
+        traces.set()
+
+
+PHONES = ((320, 568), (390, 844), (568, 320), (667, 375), (844, 390))
+SCREENS = ((768, 1024), (1024, 600), (1280, 600), (1280, 800))
+# Keeps what is written beyond the edges of its canvas.
+WRITTEN = """
+window.cut = [];
+const { fillText } = CanvasRenderingContext2D.prototype;
+CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+  const box = this.measureText(text), { clientWidth, clientHeight } = this.canvas;
+  const inside = x >= box.actualBoundingBoxLeft && x + box.actualBoundingBoxRight <= clientWidth
+    && y >= box.actualBoundingBoxAscent && y + box.actualBoundingBoxDescent <= clientHeight;
+  if (!inside) cut.push(text);
+  fillText.call(this, text, x, y);
+};
+"""
+DRAWN = "new Promise((then) => requestAnimationFrame(() => requestAnimationFrame(then)))"
+OUTSIDE = """[...document.querySelectorAll("main *")].filter((part) => {
+  const { left, right, width } = part.getBoundingClientRect();
+  return width && part.checkVisibility() && (left < 0 || right > innerWidth);
+}).map((part) => part.outerHTML)"""
+BELOW = """[...document.querySelectorAll(".picture, .transport > *")].filter((part) =>
+  part.getBoundingClientRect().bottom > innerHeight).map((part) => part.outerHTML)"""
+
+
+@pytest.mark.parametrize("colours", ["light", "dark"])
+def test_nothing_is_cut_on_any_screen(browser, url, colours):
+    look = {"has_touch": True, "color_scheme": colours, "reduced_motion": "reduce"}
+    with opened(browser, "about:blank", **look) as page:
+        page.add_init_script(WRITTEN)
+        page.goto(url)
         until(page, "window.skydog?.flights.length > 0")
-        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        page.select_option(".policy", "strombom")
+        page.select_option(".preset", "strombom2014")
+        until(page, "skydog.world.size === 150")
+        for width, height in PHONES + SCREENS:
+            page.set_viewport_size({"width": width, "height": height})
+            page.evaluate("cut.length = 0")
+            page.evaluate(DRAWN)
+            steps(page)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert page.evaluate(OUTSIDE) == page.evaluate(BELOW) == page.evaluate("cut") == []
         page.tap("label:has([value=fly])")
         until(page, "skydog.settings.mode === 'fly'")

@@ -10,12 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from browser import chromium, opened, pixels, until
+from browser import opened, pixels, until
 from flights import herded, posed, two_dogs_cut_short
 from PIL import Image
 
 from skydog.study import metrics
-from skydog.view import replay
+from skydog.study.report import document
+from skydog.view import figures, replay
 from skydog.view.colours import ROLES
 
 WICKED = "</script><b>&amp; {{colours}} <!--"
@@ -105,6 +106,16 @@ def test_a_name_cannot_break_out_of_the_page():
     assert Reader(wicked).tags == Reader(plain).tags
 
 
+@pytest.mark.parametrize("name", ["\udcff\x1b[31m\n", r"$\foo$", "x" * 20_000_000])
+def test_a_name_may_hold_anything_and_be_of_any_length(name):
+    traces = {name: two_dogs_cut_short()}
+    (shown,) = missions(replay.page(traces))
+    assert shown["name"].isprintable()
+    assert len(shown["name"]) < 1000
+    assert Image.open(io.BytesIO(replay.gif(traces))).size == (480, 480)
+    assert figures.trajectories(traces)
+
+
 def test_a_page_knows_the_colour_of_every_role():
     page = replay.page({"Strömbom": herded()})
     for role, colour in ROLES.items():
@@ -158,10 +169,10 @@ def test_a_number_that_is_not_finite_is_never_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_page_plays_in_a_browser_and_can_be_scrubbed(tmp_path):
+def test_the_page_plays_in_a_browser_and_can_be_scrubbed(browser, tmp_path):
     path = tmp_path / "replay.html"
     replay.save(path, {"one": herded(), "two": two_dogs_cut_short()})
-    with chromium() as browser, opened(browser, path.as_uri()) as page:
+    with opened(browser, path.as_uri()) as page:
         first = pixels(page, "canvas")
         page.select_option(".speed", "4")
         last = int(metrics.steps(herded()))
@@ -176,15 +187,40 @@ def test_the_page_plays_in_a_browser_and_can_be_scrubbed(tmp_path):
         assert page.inner_text(".step") == "0 of 20"
 
 
+def test_missions_side_by_side_are_to_one_scale_and_move_together(browser, tmp_path):
+    path = tmp_path / "beside.html"
+    both = replay.beside({"one": herded(), "two": two_dogs_cut_short()})
+    path.write_text(document("Two", both))
+    last = int(metrics.steps(herded()))
+    with opened(browser, path.as_uri()) as page:
+        told = [
+            f"document.querySelectorAll('.step')[{which}].textContent === '{end} of {end}'"
+            for which, end in enumerate((last, 20))
+        ]
+        page.locator(".speed").last.select_option("8")
+        assert page.locator(".speed").first.input_value() == "8"
+        page.locator("button").last.click()
+        for over in told:
+            until(page, over)
+        page.locator(".replay").last.focus()
+        page.keyboard.press("Home")
+        page.keyboard.press("ArrowRight")
+        assert page.locator(".step").all_inner_texts() == [f"1 of {last}", "1 of 20"]
+        shown = page.locator("script[type='application/json']").all_text_contents()
+    extents = [json.loads(mission)[0]["extent"] for mission in shown]
+    own = [mission["extent"] for mission in missions(replay.page({"1": herded()}))]
+    assert extents[0] == extents[1] != own
+
+
 def strip_cursor(page):
     """Where the cursor of the strip is, in CSS pixels from the left of the window."""
     return page.evaluate("document.querySelector('.strip .cursor').getBoundingClientRect().x")
 
 
-def test_the_strip_follows_the_play_head_and_seeks_where_it_is_clicked(tmp_path):
+def test_the_strip_follows_the_play_head_and_seeks_where_it_is_clicked(browser, tmp_path):
     path = tmp_path / "replay.html"
     replay.save(path, {"one": posed(herded()), "two": posed(two_dogs_cut_short(), "UAV down")})
-    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+    with opened(browser, path.as_uri(), reduced_motion="reduce") as page:
         start, last = strip_cursor(page), int(metrics.steps(herded()))
         page.keyboard.press("End")
         end = strip_cursor(page)
@@ -211,22 +247,22 @@ def test_the_strip_follows_the_play_head_and_seeks_where_it_is_clicked(tmp_path)
         assert page.inner_text(".doing") == "UAV down"
 
 
-def test_sheep_with_poses_show_their_headings(tmp_path):
+def test_sheep_with_poses_show_their_headings(browser, tmp_path):
     path, there = tmp_path / "replay.html", posed(two_dogs_cut_short())
     assert there.poses is not None
     back = dataclasses.replace(there.poses, yaw=there.poses.yaw + jnp.pi)
     replay.save(path, {"there": there, "back": dataclasses.replace(there, poses=back)})
-    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+    with opened(browser, path.as_uri(), reduced_motion="reduce") as page:
         first = pixels(page, "canvas")
         page.select_option(".mission", "1")
         assert (pixels(page, "canvas") != first).any()
 
 
-def test_a_mission_without_poses_has_no_strip(tmp_path):
+def test_a_mission_without_poses_has_no_strip(browser, tmp_path):
     path = tmp_path / "replay.html"
     replay.save(path, {"with": posed(two_dogs_cut_short()), "without": two_dogs_cut_short()})
     assert missions(path.read_text("utf-8"))[1]["poses"] is None
-    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+    with opened(browser, path.as_uri(), reduced_motion="reduce") as page:
         assert page.locator(".posed-only:visible").count() == 2
         narrow = page.locator("canvas").bounding_box()["width"]
         page.select_option(".mission", "1")
@@ -235,12 +271,12 @@ def test_a_mission_without_poses_has_no_strip(tmp_path):
 
 
 @pytest.mark.parametrize("instants", [1, 2])
-def test_a_dog_that_lies_still_has_a_strip_too(tmp_path, instants):
+def test_a_dog_that_lies_still_has_a_strip_too(browser, tmp_path, instants):
     path, trace = tmp_path / "replay.html", posed(two_dogs_cut_short())
     poses = jax.tree.map(lambda every: jnp.zeros_like(every[:instants]), trace.poses)
     parts = ("time", "sheep", "dogs", "subgoal", "drives", "command", "accomplished")
     short = {name: getattr(trace, name)[:instants] for name in parts}
     replay.save(path, {"still": dataclasses.replace(trace, **short, poses=poses)})
-    with chromium() as browser, opened(browser, path.as_uri(), reduced_motion="reduce") as page:
+    with opened(browser, path.as_uri(), reduced_motion="reduce") as page:
         assert "NaN" not in page.inner_html(".strip")
         assert "Infinity" not in page.inner_html(".strip")

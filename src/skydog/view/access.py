@@ -1,8 +1,10 @@
-"""Who may open the live view: browsers on this machine, and pages that came from here."""
+"""Who may open the live view: browsers that asked for this machine, and pages that came from it."""
 
 import errno
+import re
 import secrets
 import socket
+from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Any
@@ -11,32 +13,44 @@ from skydog.errors import Refusal
 from skydog.view.messages import short
 from skydog.view.page import live_page
 
+HOST = re.compile(r"(\[[^\[\]]+\]|[^\[\]:]+)(:[0-9]{1,5})?")  # name or address, and the port
+
 
 @dataclass
 class Access:
-    """Who comes in: browsers that asked for this host by name, and pages that came from here.
+    """Who comes in: browsers that asked for this machine, and pages that came from here.
 
-    A foreign page, even one whose name was made to lead here (DNS rebinding), stays outside.
+    A foreign page whose name was made to lead here (DNS rebinding) stays outside: what a browser
+    asks for has to be `localhost`, the host as the user called it, or an address, to which no name
+    leads. The port may be any: a tunnel has its own. A proxy has a name of its own, and is known by
+    its `X-Forwarded-` headers: no page can have a browser send such a header with the handshake of
+    a socket. Whatever was asked for, only a page from there may open the socket.
     """
 
     host: str  # as the user called it
-    address: str  # where that is: 127.1, say, is 127.0.0.1, and browsers write it so
+    address: str  # where that is
     port: int = 0  # known once the server listens
 
     @property
     def url(self) -> str:
-        """The address of the page."""
-        return f"http://{_bracketed(self.address)}:{self.port}/"
+        """The address of the page, on this machine if the server listens at all its addresses."""
+        address = ip_address(self.address)
+        if address.is_unspecified:
+            address = ip_address("127.0.0.1" if address.version == 4 else "::1")
+        return f"http://{_bracketed(str(address))}:{self.port}/"
 
     def answer(self, connection: Any, request: Any) -> Any:
         """The response to a request, or None for one that may open the socket."""
+        told = request.headers.get_all
+        hosts, origins = told("Host"), told("Origin")
+        proxied = any(name.lower().startswith("x-forwarded-") for name in request.headers)
         # Of a header given twice, which no browser does, none counts.
-        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
-        if len(hosts) != 1 or hosts[0] not in self.names():
-            return connection.respond(403, f"ask for {self.url}\n")
+        if len(hosts) != 1 or not (proxied or self.is_asked(hosts[0])):
+            return connection.respond(403, f"ask for {self.url}; a proxy says X-Forwarded-Host\n")
         path = request.path.partition("?")[0]
         if path == "/live":
-            home = [[f"http://{name}"] for name in self.names()]
+            asked = ",".join(told("X-Forwarded-Host") or hosts).replace(" ", "").split(",")
+            home = [[f"{scheme}://{name}"] for scheme in ("http", "https") for name in asked]
             if origins in [[], *home]:
                 return None
             return connection.respond(403, "this page is not from here\n")
@@ -58,12 +72,19 @@ class Access:
         )
         return response
 
-    def names(self) -> set[str]:
-        """The ways of writing this server's address in a `Host` header."""
-        loopback = {"127.0.0.1", "localhost", "[::1]"}
-        own = {_bracketed(self.host.lower()), _bracketed(self.address)}
-        hosts = own | loopback if own & loopback else own
-        return {f"{host}:{self.port}" for host in hosts} | (hosts if self.port == 80 else set())
+    def is_asked(self, host: str) -> bool:
+        """Whether a `Host` header asks for this machine, and by no name that can be foreign."""
+        parts = HOST.fullmatch(host)
+        return parts is not None and (
+            parts[1] in ("localhost", self.host.lower()) or _is_address(parts[1])
+        )
+
+
+def _is_address(name: str) -> bool:
+    """Whether a name is an address as browsers write it."""
+    with suppress(ValueError):
+        return name == _bracketed(str(ip_address(name.strip("[]"))))
+    return False
 
 
 def _bracketed(host: str) -> str:
@@ -71,19 +92,13 @@ def _bracketed(host: str) -> str:
 
 
 def address_of(host: str, port: int) -> str:
-    """Where a host is. Raises `Refusal` if that is nowhere, or everywhere."""
+    """Where a host is. Raises `Refusal` if that is nowhere."""
     try:
-        found = [str(each[4][0]) for each in socket.getaddrinfo(host or "0.0.0.0", port)]
+        return str(socket.getaddrinfo(host, port)[0][4][0])
     except OSError as error:
         raise no_address(host, port, error) from error
-    except UnicodeError:
+    except ValueError:
         raise Refusal(f"{short(host)} is no name of a host; try --host 127.0.0.1") from None
-    if host == "*" or any(ip_address(address).is_unspecified for address in found):
-        raise Refusal(
-            f"host must be one address, since pages from elsewhere are turned away, got {host!r}; "
-            "try --host 127.0.0.1"
-        )
-    return found[0]
 
 
 def no_address(host: str, port: int, error: OSError) -> Refusal:
@@ -93,4 +108,4 @@ def no_address(host: str, port: int, error: OSError) -> Refusal:
         return Refusal(f"port {port} is taken; try --port {other}")
     if error.errno in (errno.EACCES, errno.EPERM):
         return Refusal(f"port {port} needs more rights than you have; try --port 8020")
-    return Refusal(f"this machine has no address {host!r}; try --host 127.0.0.1")
+    return Refusal(f"this machine has no address {short(host)}; try --host 127.0.0.1")

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
-import matplotlib
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from matplotlib.axes import Axes
@@ -18,11 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from PIL import Image
+from PIL.ImageColor import getrgb
 
 from skydog.errors import Refusal
 from skydog.view import ground as drawn
 from skydog.view.colours import ROLES, behaviour
-from skydog.view.figures import STYLE, extent, ground
+from skydog.view.figures import extent, ground, title
+from skydog.view.style import drawing
 from skydog.world import herding
 from skydog.world.params import World
 from skydog.world.trace import Trace, last_instant
@@ -31,6 +32,8 @@ PIXELS = 480  # the side of a mission's picture
 INCHES = 4.8  # that side as matplotlib has it: text and lines grow with the picture
 FRAME, END = 80, 1500  # milliseconds that a frame of a GIF and the last of any film stand
 FRAMES = 150  # of a GIF, at most: a longer mission shows fewer of its steps
+COLOURS, SAMPLES = 64, 8  # of a GIF; pictures that its palette is made of
+FEW, TAIL = 10, 60  # of more sheep than `FEW`, trails are the latest `TAIL` instants
 RATE = 25  # frames a second of an MP4
 STANDS = round(END / 1000 * RATE)  # frames of an MP4 that the last picture stands more
 LONGEST = 60 * RATE  # frames of an MP4, at most
@@ -66,8 +69,13 @@ def gif(traces: dict[str, Trace]) -> bytes:
     _check_width(traces, "a GIF")
     last = _longest(traces)
     instants = [*range(0, last, max(2, math.ceil(last / FRAMES))), last]
+    # One palette for all and no dither: what stands still stays the same, for a third of the bytes.
+    palette = _palette(_pictures(traces, instants[:: math.ceil(len(instants) / SAMPLES)]))
     # One after another, since all at once would fill the memory.
-    frames = map(Image.fromarray, _pictures(traces, instants))
+    frames = (
+        Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+        for picture in _pictures(traces, instants)
+    )
     film = io.BytesIO()
     durations = [FRAME] * (len(instants) - 1) + [END]
     next(frames).save(film, "GIF", save_all=True, append_images=frames, duration=durations, loop=0)
@@ -121,7 +129,7 @@ def stage(
     `limits` are the least and the greatest coordinate to show, in metres; without any, the arena
     and as much of the airspace as half its side. What stands still is drawn once.
     """
-    with matplotlib.rc_context(STYLE):
+    with drawing():
         # Slightly more, since what is not whole is cut off.
         figure = Figure(figsize=(INCHES, INCHES), dpi=(pixels + 0.001) / INCHES)
         canvas = FigureCanvasAgg(figure)
@@ -158,7 +166,7 @@ def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture
         recorded = np.arange(len(trace.time)) if trace.recorded is None else trace.recorded
         limits = extent(trace.world, trace.dogs, trace.subgoal)
         draw = stage(trace.world, seen[0].shape[1], seen[1].shape[1], limits=limits)
-        missions.append((draw, last_instant(trace), seen, name, np.asarray(recorded)))
+        missions.append((draw, last_instant(trace), seen, title(name), np.asarray(recorded)))
     for instant in instants:
         panels = []
         for draw, end, (sheep, dogs, subgoal, drives), name, recorded in missions:
@@ -167,6 +175,15 @@ def _pictures(traces: dict[str, Trace], instants: list[int]) -> Iterator[Picture
             paths = sheep[:known], dogs[: now + 1]
             panels.append(draw(*paths, subgoal[now], drives[now], name, now))
         yield np.concatenate(panels, axis=1)
+
+
+def _palette(pictures: Iterable[Picture]) -> Image.Image:
+    """The commonest colours of some pictures, and those of all roles; an image without pixels."""
+    common = Image.fromarray(np.concatenate(list(pictures))).quantize(COLOURS).getpalette() or []
+    exact = [channel for colour in ("#FFFFFF", *ROLES.values()) for channel in getrgb(colour)]
+    palette = Image.new("P", (0, 0))
+    palette.putpalette(exact + common)
+    return palette
 
 
 def _check_width(traces: dict[str, Trace], film: str) -> None:
@@ -201,6 +218,8 @@ def _scene(
     flock_now = _line(axes, marker="o", color=ROLES["sheep"], **dots)
     dogs_now = _line(axes, marker="D", color=ROLES["dog"], **dots)
 
+    tail = TAIL if sheep > FEW else 0  # all of it
+
     def move(sheep, dogs, subgoal, drives, title: str, step: int) -> None:
         name.set_text(title)
         flock_now.set_data(*sheep[-1].T)
@@ -208,7 +227,7 @@ def _scene(
         crosses.set_data(*subgoal.T)
         gathered.center = tuple(sheep[-1].mean(axis=0))
         for which, trail in enumerate(trails):
-            trail.set_data(*sheep[:, which].T)
+            trail.set_data(*sheep[-tail:, which].T)
         for which, (flight, way, sight) in enumerate(zip(flights, ways, sights, strict=True)):
             flight.set_data(*dogs[:, which].T)
             way.set_data(*np.stack([dogs[-1, which], subgoal[which]]).T)

@@ -5,7 +5,7 @@
    Sizes of marks are in CSS pixels, and the colours are the roles of the element `root`. */
 function arena(canvas, root) {
   const pen = canvas.getContext("2d");
-  const INSET = 14; // around the picture, for the axes' numbers
+  const INSET = 14, DIGIT = 8; // around the picture, for the axes' numbers of three digits; one more
   const ROLES = ["sheep", "dog", "goal", "subgoal", "collect", "drive", "arena"];
   let world, colours, zoom, left, bottom, strength = 1;
 
@@ -19,7 +19,8 @@ function arena(canvas, root) {
     world = shown;
     colours = { ink: style.color };
     for (const role of ROLES) colours[role] = style.getPropertyValue("--" + role);
-    const room = (pixels, [low, high]) => Math.max(pixels - 2 * INSET, 0) / (high - low);
+    const inset = INSET + DIGIT * Math.max(world.size.toFixed().length - 3, 0);
+    const room = (pixels, [low, high]) => Math.max(pixels - 2 * inset, 0) / (high - low);
     zoom = Math.min(room(wide, across), room(tall, up));
     left = (wide - zoom * (across[0] + across[1])) / 2; // where x is 0, and y
     bottom = (tall + zoom * (up[0] + up[1])) / 2;

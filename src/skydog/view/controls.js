@@ -8,20 +8,18 @@
     const doing = own.done ? ["accomplished", "goal"]
       : driving === count ? ["driving", "drive"] : driving === 0 ? ["collecting", "collect"]
       : [`${driving} driving, ${count - driving} collecting`, "collect"];
-    for (const chip of document.querySelectorAll(".doing")) {
-      chip.textContent = doing[0]; chip.style.background = `var(--${doing[1]})`;
-    }
+    find(".doing").textContent = doing[0];
+    find(".doing").style.background = `var(--${doing[1]})`;
     const time = (flight) => `${(flight.step * world.dt).toFixed(world.dt < 1 ? 1 : 0)} s`;
     const home = (flight) => `${flight.home} of ${flight.sheep.length}`;
     find(".alone").hidden = Boolean(other); find(".score").hidden = !other;
-    find(".now > .doing").hidden = Boolean(other);
     find(".step").textContent = own.step;
     find(".time").textContent = time(own);
     find(".flown").textContent = metres(own.flown);
     find(".home").textContent = home(own);
     if (other) {
       find(".rival").textContent = settings.policy; find(".rival").title = settings.policy;
-      const cells = [...document.querySelectorAll(".score td")];
+      const cells = [...document.querySelectorAll(".score tbody td")];
       [own.step, other.step, metres(own.flown), metres(other.flown), home(own), home(other)]
         .forEach((text, k) => { cells[k].textContent = text; });
     }
@@ -183,7 +181,7 @@
     else if (event.key === ".") say({ step: true });
     else if (event.code === "KeyR") say({ reset: true });
     else if (event.code === "KeyN") another();
-    else if ("123".includes(event.key)) choose({ mode: ["watch", "fly", "race"][event.key - 1] });
+    else if ("123".includes(event.key)) say({ mode: ["watch", "fly", "race"][event.key - 1] });
     else return;
     event.preventDefault();
   };
@@ -192,17 +190,6 @@
 
   // -- the choices
 
-  function choose(message) {
-    say(message);
-    if (["preset", "sheep", "dogs", "policy", "mode", "arena"].some((name) => name in message)) {
-      waiting = performance.now();
-      const since = waiting;
-      setTimeout(() => { find(".busy").hidden = !(waiting && waiting === since); }, 300);
-      const check = setInterval(() => {
-        if (!waiting) { find(".busy").hidden = true; clearInterval(check); }
-      }, 100);
-    }
-  }
   const toggle = () => say({ paused: !settings.paused });
   const another = () => say({ case: (settings.case + 1) % 2 ** 31 });
 
@@ -214,11 +201,11 @@
   find(".transport").onclick = (event) => {
     if (event.detail && event.target.closest("button")) canvas.focus({ preventScroll: true });
   };
-  find(".policy").onchange = (event) => choose({ policy: event.target.value });
-  find(".preset").onchange = (event) => choose({ preset: event.target.value });
-  find(".size").onchange = (event) => choose({ arena: event.target.valueAsNumber });
+  find(".policy").onchange = (event) => say({ policy: event.target.value });
+  find(".preset").onchange = (event) => say({ preset: event.target.value });
+  find(".size").onchange = (event) => say({ arena: event.target.valueAsNumber });
   for (const radio of document.querySelectorAll("[name=mode]")) radio.onchange = () => {
-    choose({ mode: radio.value });
+    say({ mode: radio.value });
     canvas.focus({ preventScroll: true });
   };
   for (const box of document.querySelectorAll("input[type=range]")) {
@@ -226,8 +213,8 @@
     const message = () => ({ [named]: named === "speed" ? hello.speeds[box.value] : +box.value });
     // Another number of sheep or dogs is compiled anew: when the slider rests.
     const whole = named === "sheep" || named === "dogs";
-    box.oninput = () => { told.textContent = UNITS[named](+box.value); if (!whole) choose(message()); };
-    if (whole) box.onchange = () => choose(message());
+    box.oninput = () => { told.textContent = UNITS[named](+box.value); if (!whole) say(message()); };
+    if (whole) box.onchange = () => say(message());
   }
   find("form").onsubmit = (event) => event.preventDefault();
   new ResizeObserver(() => { tell(); wake(); }).observe(canvas);

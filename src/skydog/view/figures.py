@@ -7,37 +7,26 @@ import re
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Rectangle
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from skydog import files
-from skydog.learning.train import Curve
+from skydog.errors import one_line
+from skydog.learning.history import Curve
 from skydog.study import metrics
+from skydog.study.progress import Row
 from skydog.view.colours import ROLES
+from skydog.view.style import drawing
 from skydog.world import herding
 from skydog.world.params import World
 from skydog.world.trace import Trace, how_it_ended
 
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.edgecolor": "#444444",
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": "#444444",
-    "ytick.color": "#444444",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.frameon": False,
-    "svg.hashsalt": "skydog",  # the same figure is the same file
-}
-
+SMOOTHED = 10  # rows in a running mean, of 10 episodes each
 
 # Of lines that stand for no role: Okabe and Ito's colours again, told apart in grey too.
 LINES = (
@@ -53,23 +42,57 @@ LINES = (
 def learning_curves(curves: dict[str, list[Curve]]) -> Figure:
     """Reward per action against episodes, a panel for each name of a skill, two in a row.
 
-    Several seeds are drawn as their mean and one SD about it, as far as the shortest goes.
+    The line is the running mean of 100 episodes (or of a tenth of all, if that is less); faint
+    behind it is the mean of every 10. Several seeds are drawn as their mean and one SD about it,
+    as far as the shortest goes.
     """
     rows = math.ceil(len(curves) / 2)
-    with matplotlib.rc_context(STYLE):
+    with drawing():
         figure = Figure(figsize=(3.4 * min(2, len(curves)), 2.4 * rows), layout="constrained")
         panels = figure.subplots(rows, min(2, len(curves)), squeeze=False)
         for axes, (name, seeds) in zip(panels.flat, curves.items(), strict=False):
-            axes.set_title(name, loc="left")
-            axes.set_xlabel("episode")
-            axes.grid(axis="y", color="#E6E6E6", linewidth=0.6)
-            axes.set_axisbelow(True)
-            skill = "drive" if "drive" in name else "collect"
-            _learnt(axes, [seed for seed in seeds if len(seed[0])], ROLES[skill])
+            _rewards(axes, name, seeds)
         for axes in panels[:, 0]:
-            axes.set_ylabel("reward per action\n(every 10 episodes)")
+            axes.set_ylabel("reward per action")
         for axes in panels.flat[len(curves) :]:
             axes.remove()
+    return figure
+
+
+def learning(rows: dict[int, Row], rule: Row, curves: dict[str, Curve]) -> Figure:
+    """How a sheepdog learnt: at the left missions against training steps, at the right rewards.
+
+    `rows` are those of `study.progress` by training steps, with 95 % intervals as bands, and
+    `rule` that of the rule dog; `curves` are the learning curves of the two skills, by name.
+    """
+    with drawing():
+        figure = Figure(figsize=(7.2, 4.8), layout="constrained")
+        panels = figure.subplots(2, 2, sharex="col")
+        success, steps = panels[:, 0]
+        thousands = [step / 1000 for step in rows]
+        for axes, of in ((success, _percent), (steps, _steps)):
+            values, low, high = zip(*map(of, rows.values()), strict=True)
+            style = {"color": ROLES["dog"], "marker": "o", "markersize": 2.5, "linewidth": 1.5}
+            axes.plot(thousands, values, label="sheepdog", **style)
+            axes.fill_between(thousands, low, high, color=ROLES["dog"], alpha=0.15, linewidth=0)
+            look = {"color": "#444444", "linewidth": 1, "linestyle": "--"}
+            axes.axhline(of(rule)[0], label="rule dog", **look)
+            axes.grid(axis="y", color="#E6E6E6", linewidth=0.6)
+            axes.set_axisbelow(True)
+        success.set_title(f"{rule['cases']} missions, sheep anywhere", loc="left")
+        success.set(ylim=(-3, 103), ylabel="missions accomplished (%)")
+        seen = [max(1.0, value) for row in (*rows.values(), rule) for value in _steps(row)]
+        steps.set_ylim(0.8 * min(seen), 1.25 * max(seen))
+        steps.set(yscale="log", ylabel="steps of a mission (log)")
+        steps.set_xlabel("training steps of a skill (1000)")
+        steps.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        steps.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        steps.yaxis.set_minor_locator(NullLocator())
+        steps.legend(loc="upper right")
+        for axes, (name, curve) in zip(panels[:, 1], curves.items(), strict=True):
+            _rewards(axes, f"lesson: {name}", [curve])
+            axes.set_ylabel("reward per action")
+        panels[0, 1].set_xlabel("")
     return figure
 
 
@@ -79,7 +102,7 @@ def transfer(lines: dict[str, dict[str, dict[str, Any]]]) -> Figure:
     `lines` are rows of figures (`evaluate.row`) by the arena's side in metres, by what the line
     is called. The bands are 95 % intervals.
     """
-    with matplotlib.rc_context(STYLE):
+    with drawing():
         figure = Figure(figsize=(7.2, 2.9), layout="constrained")
         success, steps = figure.subplots(1, 2)
         for (name, rows), (colour, style) in zip(lines.items(), LINES, strict=False):
@@ -104,19 +127,32 @@ def transfer(lines: dict[str, dict[str, dict[str, Any]]]) -> Figure:
     return figure
 
 
+def smoothed(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    """The running mean of each value and those before it: 10, or a tenth of all if that is less."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    last = np.arange(1, len(values) + 1)
+    first = np.maximum(last - min(SMOOTHED, max(1, len(values) // 10)), 0)
+    return (sums[last] - sums[first]) / (last - first)
+
+
+def title(name: str) -> str:
+    """The name of a mission over its picture, which may be the name of a file: see `one_line`."""
+    return one_line(name)[:80]
+
+
 def trajectories(traces: dict[str, Trace]) -> Figure:
     """The paths of sheep, flock and dogs, one panel a shepherd, in metres.
 
     The shepherds' names are the keys; all are drawn to one scale.
     """
-    with matplotlib.rc_context(STYLE):
+    with drawing():
         figure = Figure(figsize=(0.3 + 2.9 * len(traces), 4.5), layout="compressed")
         panels = figure.subplots(1, len(traces), squeeze=False, sharex=True, sharey=True)[0]
         for axes, (name, trace) in zip(panels, traces.items(), strict=True):
             ground(axes, trace.world)
             _paths(axes, trace)
             turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
-            axes.set_title(f"{name}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
+            axes.set_title(f"{title(name)}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
         ends = [extent(trace.world, trace.dogs) for trace in traces.values()]
         limits = min(low for low, _ in ends), max(high for _, high in ends)
         panels[0].set(xlim=limits, ylim=limits)
@@ -173,15 +209,35 @@ def outcome(trace: Trace) -> str:
     return f"{failed}{steps} steps, {distance:.1f} m flown"
 
 
-def _learnt(axes: Axes, seeds: list[Curve], colour: str) -> None:
+def _percent(row: Row) -> tuple[float, float, float]:
+    """The share of successes and its interval, in per cent."""
+    low, high = row["success_ci95"]
+    return 100 * row["success"], 100 * low, 100 * high
+
+
+def _steps(row: Row) -> tuple[float, float, float]:
+    """The mean steps and their interval."""
+    return row["steps"]["mean"], *row["steps"]["ci95"]
+
+
+def _rewards(axes: Axes, name: str, seeds: list[Curve]) -> None:
+    """One panel of learning curves, of the skill in `name`."""
+    axes.set_title(name, loc="left")
+    axes.set_xlabel("episode")
+    axes.grid(axis="y", color="#E6E6E6", linewidth=0.6)
+    axes.set_axisbelow(True)
+    colour = ROLES["drive" if "drive" in name else "collect"]
+    seeds = [seed for seed in seeds if len(seed[0])]
     if not seeds:
         return
     shortest, _ = min(seeds, key=lambda seed: seed[0][-1])
     rewards = np.stack([np.interp(shortest, episode, reward) for episode, reward in seeds])
-    mean = rewards.mean(axis=0)
-    axes.plot(shortest, mean, color=colour, linewidth=1.5)
+    axes.plot(shortest, rewards.mean(axis=0), color=colour, linewidth=0.6, alpha=0.45)
+    smooth = np.stack([smoothed(reward) for reward in rewards])
+    mean = smooth.mean(axis=0)
+    axes.plot(shortest, mean, color=colour, linewidth=1.8)
     if len(seeds) > 1:
-        sd = rewards.std(axis=0, ddof=1)
+        sd = smooth.std(axis=0, ddof=1)
         axes.fill_between(shortest, mean - sd, mean + sd, color=colour, alpha=0.3, linewidth=0)
         axes.set_title(f"mean and SD of {len(seeds)} seeds", loc="right", fontsize=8)
 
@@ -216,7 +272,7 @@ def _key() -> list[Line2D | Patch]:
 def _rendered(figure: Figure, suffix: str) -> bytes:
     undated = {"png": ["Software"], "svg": ["Date", "Creator", "Format", "Type"]}[suffix]
     drawn = io.BytesIO()
-    with matplotlib.rc_context(STYLE):
+    with drawing():
         figure.savefig(
             drawn,
             format=suffix,

@@ -10,13 +10,16 @@
   let flights = [];  // as the server last told
   let views = [];    // as they are shown: positions on their way, trails, history
   let camera, held = null, hovered = null, aim = null, outbox = {}, seen = 0;
-  let waits = false, waiting = 0, scheduled = false, before = 0, ripple = 0, trouble = 0;
+  let waits = false, scheduled = false, before = 0, ripple = 0, trouble = 0;
   const keys = new Set();
 
   // -- the server
 
   function connect() {
-    socket = new WebSocket(`ws://${location.host}/live`);
+    // Beside this page, wherever a proxy has put it; https asks for wss.
+    const address = new URL("live", location);
+    address.protocol = address.protocol.replace("http", "ws");
+    socket = new WebSocket(address);
     socket.onmessage = ({ data }) => hear(JSON.parse(data));
     socket.onclose = () => {
       linked(false);
@@ -27,6 +30,7 @@
   function linked(yes) {
     find(".link").classList.toggle("lost", !yes);
     find(".link").textContent = yes ? "live" : "no connection, trying again";
+    find(".busy").hidden = true;
   }
 
   function say(message) {
@@ -37,13 +41,15 @@
     if (message.error) {
       trouble = performance.now() + 5000;
       news(message.error, true);
-      waiting = 0;
       if (settings) reflect();
       wake();
     } else if (message.hello) {
       hello = message.hello;
       welcome();
+    } else if (message.compiling) {
+      find(".busy").hidden = false;
     } else {
+      find(".busy").hidden = true;
       frames = message.frame;
       receive(message);
     }
@@ -68,8 +74,7 @@
     const fresh = message.start !== undefined && message.start !== start;
     if (message.world) world = message.world;
     if (message.settings) { settings = message.settings; reflect(); }
-    if (fresh) { start = message.start; waiting = 0; views = []; held = null; camera = undefined; ripple = 0; }
-    if (message.settings && !fresh) waiting = 0;
+    if (fresh) { start = message.start; views = []; held = null; camera = undefined; ripple = 0; }
     if (message.beyond) {
       const asked = message.beyond.join("; ");
       find(".beyond").textContent = asked && `It was taught ${asked}.`;
@@ -221,7 +226,7 @@
     const [x, y] = picture.at(place), { pen } = picture;
     pen.font = "600 12px system-ui, sans-serif"; pen.textAlign = "center"; pen.textBaseline = "bottom";
     pen.fillStyle = getComputedStyle(document.body).color; pen.globalAlpha = alpha;
-    pen.fillText(text, x, y - 19); pen.globalAlpha = 1;
+    pen.fillText(text.length > 24 ? `…${text.slice(-23)}` : text, x, y - 19); pen.globalAlpha = 1;
   }
 
   function spark(selector, column, role, threshold, called) {
@@ -247,9 +252,11 @@
       pen.stroke();
       pen.beginPath(); pen.arc(...at(series[k].at(-1)[0], series[k].at(-1)[column]), 2.5, 0, 7); pen.fill();
     });
-    const below = series[0].length && series[0][0][column] > threshold;
+    // On the side of its line where the curve does not begin, if there is room.
+    const line = at(0, threshold)[1], begins = series[0][0]?.[column] ?? 0;
+    const below = line < 14 || (begins > threshold && line + 16 < tall);
     pen.font = "11px system-ui, sans-serif"; pen.fillStyle = style.color; pen.globalAlpha = 0.7;
     pen.textAlign = "left"; pen.textBaseline = below ? "top" : "bottom";
-    pen.fillText(`${called} ${metres(threshold)}`, 2, at(0, threshold)[1] + (below ? 4 : -3));
+    pen.fillText(`${called} ${metres(threshold)}`, 2, line + (below ? 4 : -2));
     pen.globalAlpha = 1;
   }

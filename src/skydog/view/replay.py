@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from skydog import files
-from skydog.errors import Refusal
+from skydog.errors import Refusal, one_line
 from skydog.study.report import document
 from skydog.view import ground
 from skydog.view.animation import gif, mp4
@@ -41,9 +41,21 @@ def page(traces: dict[str, Trace]) -> str:
     return document("Herding replay", player(traces) + play)
 
 
+def beside(traces: dict[str, Trace]) -> str:
+    """The missions side by side and to one scale, as a fragment: they are played together."""
+    missions = [_mission(name, trace) for name, trace in traces.items()]
+    lowest, highest = zip(*(mission["extent"] for mission in missions), strict=True)
+    extent = [min(lowest), max(highest)]
+    players = "".join(_player([{**mission, "extent": extent}]) for mission in missions)
+    return f'<div class="beside">{players}</div>'
+
+
 def player(traces: dict[str, Trace]) -> str:
     """The replay as a fragment to put inside any page; takes its ink from the page's text."""
-    missions = [_mission(name, trace) for name, trace in traces.items()]
+    return _player([_mission(name, trace) for name, trace in traces.items()])
+
+
+def _player(missions: list[dict[str, Any]]) -> str:
     data = json.dumps(missions, allow_nan=False, separators=(",", ":"))
     # A name may hold `</script>`: JSON can spell it without a `<`.
     return filled("replay.html", missions=data.replace("<", "\\u003c"), strip=read("strip.js"))
@@ -59,7 +71,7 @@ def _mission(name: str, whole: Trace) -> dict[str, Any]:
     recorded = slice(None) if whole.recorded is None else np.asarray(whole.recorded)
     sheep, dogs, subgoal = (np.asarray(a)[:until] for a in (trace.sheep, trace.dogs, trace.subgoal))
     return {
-        "name": name,
+        "name": one_line(name),
         **ground.numbers(trace.world, sheep.shape[1]),
         "extent": rounded(extent(trace.world, trace.dogs, trace.subgoal)),
         "ending": how_it_ended(whole),

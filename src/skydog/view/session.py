@@ -323,7 +323,7 @@ def _holding(session: Session, held: tuple[str, int, tuple[float, float]] | None
         )
         return replace(session, held=None, settings=settings, world=world)
     if session.settings.mode == "race":
-        raise Refusal("in a race nobody is carried; fly the dog instead")
+        raise Refusal("in a race you cannot drag anybody; fly the dog instead")
     session = replace(session, held=(who, number, (x, y)))
     own, *others = session.flights
     moved = Flight(_held(own.state, _control(session)), own.step, own.flown)
