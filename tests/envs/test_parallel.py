@@ -104,7 +104,12 @@ def test_a_bad_action_is_an_invalid_action(actions, message):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"dogs": 0}, "dogs must be"), ({"max_steps": 0}, "max_steps must be")],
+    [
+        ({"dogs": 0}, "dogs must be"),
+        ({"dogs": 10**7}, "from 1 to 1,000"),
+        ({"max_steps": 0}, "max_steps must be"),
+        ({"world": "paper"}, r"skydog\.preset"),
+    ],
 )
 def test_a_bad_option_is_refused_with_the_remedy(options, message):
     with pytest.raises(Refusal, match=message):

@@ -75,6 +75,12 @@ def test_worlds_stepped_together_do_what_each_does_by_itself(name, mode, options
     assert bool(home) == ("world" in options)
 
 
+@pytest.mark.parametrize("mode", MODES)
+def test_the_mode_is_told_in_both_places_where_others_look_for_it(mode):
+    worlds = native("Drive-v0", mode.value)
+    assert worlds.metadata["autoreset_mode"] is worlds.autoreset_mode is mode
+
+
 def test_the_native_worlds_are_what_make_vec_picks():
     worlds = gymnasium.make_vec("skydog/Drive-v0", num_envs=1024)
     assert type(worlds).__name__ == "HerdingVectorEnv"
@@ -110,6 +116,7 @@ def test_seeds_may_be_one_for_each_world():
     counted, _ = worlds.reset(seed=3)
     named, _ = worlds.reset(seed=[3, 4, 5, 6, 7])
     assert np.array_equal(counted, named)
+    assert np.array_equal(worlds.reset(seed=np.array(3))[0], named)
     assert not np.array_equal(worlds.reset()[0], named)
 
 
@@ -146,6 +153,9 @@ def test_bad_actions_are_invalid_and_move_nobody(actions, message):
     ("options", "message"),
     [
         ({"count": 0}, "num_envs must be"),
+        ({"count": 10**12}, "from 1 to 1,048,576"),
+        ({"count": 2**20, "sheep": 30, "arena": 9.0}, "num_envs, with 30 sheep, must be"),
+        ({"mode": "never"}, "choose from NextStep, SameStep, Disabled"),
         ({"max_episode_steps": 0}, "max_episode_steps must be"),
         ({"sheep": -1}, "sheep must be"),
         ({"observation": "all"}, "compact, full"),
@@ -176,7 +186,7 @@ def test_what_cannot_be_done_is_said():
         worlds.reset(seed=[1, 2])
     with pytest.raises(Refusal, match="reset_mask"):
         worlds.reset(options={"cat": 1})
-    with pytest.raises(TypeError, match="array of bool"):
+    with pytest.raises(Refusal, match="array of bool"):
         worlds.reset(options={"reset_mask": [True] * COUNT})
     with pytest.raises(Refusal, match="one world at least"):
         worlds.reset(options={"reset_mask": np.zeros(COUNT, bool)})

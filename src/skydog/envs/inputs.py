@@ -1,84 +1,133 @@
-"""What an environment is given: actions, seeds and options, checked before anything moves."""
+"""What an environment is given, checked before anything moves: options, actions and seeds."""
 
+import reprlib
+from collections.abc import Collection
 from operator import index
 from typing import Any
 
 import numpy as np
 from gymnasium.error import InvalidAction
 
-from skydog.envs.tasks import LessonTask, Task
 from skydog.errors import Refusal
+
+_REPR = reprlib.Repr()
+_REPR.maxother = _REPR.maxstring = 57
+
+
+def count(value: Any, what: str, most: int) -> int:
+    """A number of things, if it is a whole one from 1 to `most`. Raises `Refusal`."""
+    number = _whole(value)
+    if number is None or not 1 <= number <= most:
+        raise Refusal(f"{what} must be a whole number from 1 to {most:,}, got {short(value)}")
+    return number
+
+
+def choice(value: Any, words: Collection[str], what: str) -> Any:
+    """A word, if it is one of those. Raises `Refusal`, which lists them."""
+    if not isinstance(value, str) or value not in words:
+        raise Refusal(f"no {what} is called {short(value)}; choose from {', '.join(words)}")
+    return value
 
 
 def action(value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """An action as float32. Raises `InvalidAction` for another shape, or what is no number."""
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "fiu":
-            raise ValueError
-        with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
-            numbers = given.astype(np.float32)
-    except (TypeError, ValueError):
+    given = numbers(value)
+    if given is None:
         raise InvalidAction(
-            f"an action is numbers from -1 to 1 of shape {shape}, got {_short(value)}; "
+            f"an action is numbers from -1 to 1 of shape {shape}, got {short(value)}; "
             "try env.action_space.sample()"
-        ) from None
-    if numbers.shape != shape:
-        raise InvalidAction(
-            f"an action has the shape {shape}, got {numbers.shape}; try env.action_space.sample()"
         )
-    if not np.all(np.isfinite(numbers)):
-        raise InvalidAction(f"an action is finite, got {_short(value)}; has the learner diverged?")
-    return numbers
+    if given.shape != shape:
+        raise InvalidAction(
+            f"an action has the shape {shape}, got {given.shape}; try env.action_space.sample()"
+        )
+    if not np.all(np.isfinite(given)):
+        raise InvalidAction(f"an action is finite, got {short(value)}; has the learner diverged?")
+    return given
 
 
 def seed(value: Any) -> int:
     """A seed. Raises `Refusal` for what is no whole number from 0 on; it counts modulo 2³²."""
-    try:
-        number = index(value)
-    except TypeError:
-        number = -1
-    if number < 0:
-        raise Refusal(f"a seed is a whole number from 0 on, got {_short(value)}; try seed=0")
+    number = _whole(value)
+    if number is None or number < 0:
+        raise Refusal(f"a seed is a whole number from 0 on, got {short(value)}; try seed=0")
     return number
 
 
-def given(options: Any) -> dict[str, Any]:
+def seeds(value: Any, worlds: int) -> list[int | None]:
+    """A seed for each world: those of a list, or from a number on. Raises `Refusal`."""
+    if value is None:
+        return [None] * worlds
+    given = _array(value)
+    if not isinstance(value, list | tuple) and (given is None or given.ndim != 1):
+        first = seed(value)
+        return [first + world for world in range(worlds)]
+    if len(value) != worlds:
+        raise Refusal(f"{worlds} worlds take as many seeds, got {len(value)}; try seed=0")
+    return [None if one is None else seed(one) for one in value]
+
+
+def options(value: Any) -> dict[str, Any]:
     """The options of `reset`, none if it was given none. Raises `Refusal` for what is no dict."""
-    if options is not None and not isinstance(options, dict):
-        raise Refusal(f"the options of reset are a dict, got {_short(options)}; leave them out")
-    return dict(options or {})
+    if value is not None and not isinstance(value, dict):
+        raise Refusal(f"the options of reset are a dict, got {short(value)}; leave them out")
+    return dict(value or {})
 
 
-def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
-    """Where `reset` is to place `sheep` and `dogs`, in metres.
-
-    Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
-    """
-    arena, dog = task.world.arena, task.world.dog
-    size, beyond = float(arena.size), float(dog.airspace)
-    bounds = {"sheep": (task.sheep, 0.0, size), "dogs": (task.dogs, -beyond, size + beyond)}
-    if isinstance(task, LessonTask):  # it draws the arena too
-        bounds = {}
-    where = {}
-    for name, value in given(options).items():
-        if name not in bounds:
-            choices = ", ".join(bounds) or "none: a lesson draws its start"
-            raise Refusal(f"reset has no option {name!r}; choose from {choices}")
-        count, low, high = bounds[name]
-        try:
-            where[name] = np.asarray(value, np.float32)
-        except (TypeError, ValueError):
-            where[name] = np.full((count, 2), np.nan, np.float32)
-        inside = (low <= where[name]) & (where[name] <= high)
-        if where[name].shape != (count, 2) or not inside.all():
-            raise Refusal(
-                f"the option {name!r} places {count}, x and y from {low:g} to {high:g} m each, "
-                f"got {_short(value)}"
-            )
-    return where
+def places(value: Any, name: str, count: int, low: float, high: float) -> np.ndarray:
+    """Where `count` of them are, x and y in metres, as float32. Raises `Refusal`."""
+    given = numbers(value)
+    if given is None or given.shape != (count, 2) or not np.all((low <= given) & (given <= high)):
+        raise Refusal(
+            f"the option {name!r} places {count}, x and y from {low:g} to {high:g} m each, "
+            f"got {short(value)}"
+        )
+    return given
 
 
-def _short(value: Any) -> str:
-    text = repr(value).replace("\n", " ")
+def mask(value: Any, worlds: int) -> np.ndarray:
+    """Which worlds to reset, one at least. Raises `Refusal`."""
+    if not isinstance(value, np.ndarray) or value.dtype != np.bool_:
+        raise Refusal(
+            f"options['reset_mask'] is an array of bool, got {short(value)}; "
+            "try terminated | truncated"
+        )
+    if value.shape != (worlds,) or not value.any():
+        raise Refusal(
+            f"options['reset_mask'] has the shape ({worlds},) and names one world at "
+            f"least, got the shape {value.shape} and {int(value.sum())} of them"
+        )
+    return value
+
+
+def numbers(value: Any) -> np.ndarray | None:
+    """An array of float32, infinite where it overflows; None for what is no array of numbers."""
+    given = _array(value)
+    if given is None or given.dtype.kind not in "fiu":
+        return None
+    with np.errstate(over="ignore"):
+        return given.astype(np.float32)
+
+
+def short(value: Any) -> str:
+    """What a message shows of a value: one line of 60 characters at most."""
+    try:
+        text = " ".join(_REPR.repr(value).split())
+    except ValueError:  # which Python raises for an integer of more than 4300 digits
+        text = f"an {type(value).__name__} that is too long to print"
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _whole(value: Any) -> int | None:
+    """A whole number; None for what is none, as `True` is, though Python counts with it."""
+    try:
+        return None if isinstance(value, bool) else index(value)
+    except Exception:  # whatever another library's numbers raise
+        return None
+
+
+def _array(value: Any) -> np.ndarray | None:
+    try:
+        return np.asarray(value)
+    except Exception:  # ragged lists; and whatever another library's arrays raise
+        return None

@@ -1,7 +1,7 @@
 """The mission of several dogs, each an agent, as a PettingZoo parallel environment."""
 
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import jax
 import numpy as np
@@ -47,9 +47,9 @@ class ParallelHerdingEnv(ParallelEnv[str, np.ndarray, Any]):
         render_mode: str | None = None,
     ):
         """`world` takes the place of `preset` and `arena`. Raises `Refusal` for bad values."""
-        self._max_steps = tasks.count(max_steps, "max_steps", tasks.NEVER)
+        self._max_steps = inputs.count(max_steps, "max_steps", tasks.NEVER)
         self.task = tasks.make_task("herd", preset, arena, sheep, dogs, starts, world=world)
-        self._how = tasks.choice(observation, ObservationKind, "observation")
+        self._how = inputs.choice(observation, get_args(ObservationKind), "observation")
         seen, done = spaces_of(self.task, self._how)
         self.possible_agents = [f"dog_{number}" for number in range(dogs)]
         self.agents: list[str] = []
@@ -76,8 +76,8 @@ class ParallelHerdingEnv(ParallelEnv[str, np.ndarray, Any]):
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         """A fresh episode. `options` may place `sheep` and `dogs`, in metres."""
         # PettingZoo's own test passes an option that nobody knows, and expects it to be ignored.
-        known = {name: value for name, value in inputs.given(options).items() if name in PLACED}
-        placed = inputs.placed(self.task, known)
+        known = {name: value for name, value in inputs.options(options).items() if name in PLACED}
+        placed = tasks.placed(self.task, known)
         given = None if seed is None else inputs.seed(seed)
         if given is None and self._seed is not None:
             self._episode += 1

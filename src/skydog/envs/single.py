@@ -1,7 +1,7 @@
 """One world as a Gymnasium environment."""
 
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import gymnasium
 import jax
@@ -44,7 +44,7 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
     ):
         """`world` takes the place of `preset` and `arena`. Raises `Refusal` for bad values."""
         self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world)
-        self._how = tasks.choice(observation, ObservationKind, "observation")
+        self._how = inputs.choice(observation, get_args(ObservationKind), "observation")
         self.observation_space, self.action_space = spaces_of(self.task, self._how)
         self._seen = tasks.observation_size(self.task, self._how)
         self.metadata = {**self.metadata, "render_fps": render_fps(self.task)}
@@ -55,7 +55,7 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
         """A fresh episode: what the dog sees, and `info`."""
-        placed = inputs.placed(self.task, options)
+        placed = tasks.placed(self.task, options)
         given = None if seed is None else inputs.seed(seed)
         super().reset(seed=given)
         if given is None and self._env is not None:

@@ -1,13 +1,14 @@
 """The tasks of the environments: a mission or a lesson, as pure functions of an episode."""
 
-from operator import index
 from typing import Any, Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
+from skydog.envs import inputs
 from skydog.errors import Refusal
 from skydog.learning import lessons
 from skydog.learning.lessons import Lesson, Outcome
@@ -15,8 +16,9 @@ from skydog.learning.options import Reward
 from skydog.shepherds import sheepdog
 from skydog.study import cases
 from skydog.study.options import Starts
-from skydog.world import herding, mission, params
+from skydog.world import herding, mission, params, serialise
 from skydog.world.params import World
+from skydog.world.presets import PRESETS
 from skydog.world.presets import preset as preset_world
 from skydog.world.state import State
 from skydog.world.vectors import Scalar, norm
@@ -27,7 +29,7 @@ TaskName = Literal["herd", "collect", "drive"]
 ObservationKind = Literal["compact", "full"]
 """What a dog sees: the paper's four numbers, or where everybody is, seen from it."""
 
-MAX_AGENTS = 10_000  # sheep or dogs
+MAX_SHEEP, MAX_DOGS = 10_000, 1_000
 NEVER = 2**31 - 1  # the step at which an episode without a limit ends
 
 # The `info` beside an observation, by name and kind: see `info`.
@@ -183,20 +185,18 @@ def make_task(
 
     Raises `Refusal` for what cannot be.
     """
-    what: Any = choice(task, TaskName, "task")
-    where: Any = choice(starts, Starts, "starts")
-    pays: Any = choice(reward, Reward, "reward")
-    sheep, dogs = count(sheep, "sheep", MAX_AGENTS), count(dogs, "dogs", MAX_AGENTS)
-    if world is not None and not isinstance(world, World):
-        raise Refusal(
-            f"world is one that skydog.preset makes, or a change of it, got {world!r:.60}"
-        )
+    what = inputs.choice(task, get_args(TaskName), "task")
+    where = inputs.choice(starts, get_args(Starts), "starts")
+    pays = inputs.choice(reward, get_args(Reward), "reward")
+    inputs.choice(preset, PRESETS, "preset")
+    sheep = inputs.count(sheep, "sheep", MAX_SHEEP)
+    dogs = inputs.count(dogs, "dogs", MAX_DOGS)
     if world is not None and (arena is not None or preset != "paper"):
         raise Refusal("world takes the place of preset and arena; leave those out")
     if world is None:
         chosen = preset_world(preset, arena, sheep)
     else:
-        chosen = mission.check(world, sheep, dogs)
+        chosen = mission.check(_with_numbers(world), sheep, dogs)
     traced = params.traced(chosen)
     if what == "herd":
         cases.check(where, sheep, dogs)
@@ -204,27 +204,52 @@ def make_task(
     return LessonTask(Lesson(traced, what, pays, sheep, frame="paper", draws=lessons.EVEN))
 
 
-def count(value: Any, what: str, most: int) -> int:
-    """A number of things, if it is a whole one from 1 to `most`. Raises `Refusal`."""
-    try:
-        count = index(value)
-    except TypeError:
-        count = 0
-    if not 1 <= count <= most:
-        raise Refusal(f"{what} must be a whole number from 1 to {most:,}, got {value!r:.60}")
-    return count
-
-
-def choice(value: str, words: Any, what: str) -> Any:
-    """A word, if it is one of those. Raises `Refusal`, which lists them."""
-    if value not in get_args(words):
-        raise Refusal(f"no {what} is called {value!r}; choose from {', '.join(get_args(words))}")
-    return value
+def _with_numbers(world: Any) -> World:
+    """The world of somebody's own, if its numbers are numbers. Raises `Refusal`."""
+    if not isinstance(world, World):
+        raise Refusal(
+            f"world is one that skydog.preset makes, or a change of it, got {inputs.short(world)}"
+        )
+    for part, kind in serialise.PARTS.items():
+        body = getattr(world, part)
+        if not isinstance(body, kind):
+            raise Refusal(f"world.{part} is an {kind.__name__}, got {inputs.short(body)}")
+        for name, value in vars(body).items():
+            given = inputs.numbers(value)
+            if f"{part}.{name}" in serialise.LAWS:
+                continue
+            least = np.finfo(np.float32).tiny if name in ("size", "dt") else 0.0
+            inside = given is not None and bool(np.all((least <= given) & (given < np.inf)))
+            if given is None or not inside or (given.ndim and kind is not params.Sheep):
+                above = "above 0" if least else "from 0 on"
+                raise Refusal(
+                    f"world.{part}.{name} is a number {above}, got {inputs.short(value)}; "
+                    "try skydog.preset"
+                )
+    return world
 
 
 def reset(task: Task, key: PRNGKeyArray) -> EnvState:
     """An episode that has not begun."""
     return EnvState(task.start(key), jnp.zeros(()))
+
+
+def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
+    """Where `options` of `reset` place `sheep` and `dogs`, in metres.
+
+    Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
+    """
+    size, beyond = float(task.world.arena.size), float(task.world.dog.airspace)
+    bounds = {"sheep": (task.sheep, 0.0, size), "dogs": (task.dogs, -beyond, size + beyond)}
+    if isinstance(task, LessonTask):  # it draws the arena too
+        bounds = {}
+    where = {}
+    for name, value in inputs.options(options).items():
+        if name not in bounds:
+            choices = ", ".join(bounds) or "none: a lesson draws its start"
+            raise Refusal(f"reset has no option {inputs.short(name)}; choose from {choices}")
+        where[name] = inputs.places(value, name, *bounds[name])
+    return where
 
 
 def place(env: EnvState, where: dict[str, Float[Array, "some 2"]]) -> EnvState:

@@ -1,7 +1,7 @@
 """Many worlds as one Gymnasium vector environment, stepped by one compiled call."""
 
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +14,10 @@ from skydog.envs import inputs, tasks
 from skydog.envs.single import render_fps, spaces_of
 from skydog.envs.tasks import ObservationKind
 from skydog.errors import Refusal
+from skydog.world.neighbours import ALL_PAIRS
 
 MOST = 1 << 20  # worlds
+MOST_PAIRS = 1 << 28  # of sheep, in all worlds: some 20 bytes of memory each
 
 
 class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
@@ -50,22 +52,28 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         render_mode: str | None = None,
     ):
         """Raises `Refusal` for bad values, and `UnsupportedMode` for a render mode."""
-        num_envs = tasks.count(num_envs, "num_envs", MOST)
+        inputs.count(num_envs, "num_envs", MOST)
         if max_episode_steps is not None:
-            max_episode_steps = tasks.count(max_episode_steps, "max_episode_steps", tasks.NEVER)
+            max_episode_steps = inputs.count(max_episode_steps, "max_episode_steps", tasks.NEVER)
         if render_mode is not None:
             raise UnsupportedMode(
                 'worlds stepped together are not shown; try vectorization_mode="sync"'
             )
-        self.num_envs = num_envs
+        if not isinstance(autoreset_mode, AutoresetMode):
+            modes = [mode.value for mode in AutoresetMode]
+            autoreset_mode = AutoresetMode(inputs.choice(autoreset_mode, modes, "autoreset_mode"))
+        self.autoreset_mode = autoreset_mode  # where TorchRL looks for it
         self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world)
-        self._mode = AutoresetMode(autoreset_mode)
+        pairs = self.task.sheep * min(self.task.sheep, ALL_PAIRS)
+        what = f"num_envs, with {self.task.sheep} sheep,"
+        num_envs = inputs.count(num_envs, what, min(MOST, MOST_PAIRS // pairs))
+        self.num_envs = num_envs
         self.metadata = {
             **self.metadata,
-            "autoreset_mode": self._mode,
+            "autoreset_mode": self.autoreset_mode,
             "render_fps": render_fps(self.task),
         }
-        self._how = tasks.choice(observation, ObservationKind, "observation")
+        self._how = inputs.choice(observation, get_args(ObservationKind), "observation")
         self._limit = np.int32(max_episode_steps or tasks.NEVER)
         self.single_observation_space, self.single_action_space = spaces_of(self.task, self._how)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -87,15 +95,8 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         """
         first = self._env is None
         again = self._mask(options)
-        if seed is None or isinstance(seed, list | tuple | np.ndarray):
-            each = [None] * self.num_envs if seed is None else list(seed)
-            seeds = [None if one is None else inputs.seed(one) for one in each]
-        else:
-            counted = inputs.seed(seed)
-            super().reset(seed=counted)
-            seeds = [counted + world for world in range(self.num_envs)]
-        if len(seeds) != self.num_envs:
-            raise Refusal(f"{self.num_envs} worlds take as many seeds, got {len(seeds)}")
+        seeds = inputs.seeds(seed, self.num_envs)
+        super().reset(seed=seeds[0])
         # The first time all worlds are reset, whatever the mask: the others are just not reported.
         for world in np.flatnonzero(again | first):
             given = seeds[world]
@@ -119,7 +120,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         """Fly one step in every world."""
         if self._env is None:
             raise ResetNeeded("step needs episodes to be under way; call envs.reset() first")
-        if self._mode is AutoresetMode.DISABLED and self._over.any():
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             raise ResetNeeded(
                 f"world {int(np.argmax(self._over))} has ended; call envs.reset with "
                 'options={"reset_mask": terminated | truncated}'
@@ -128,7 +129,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         self._env, new = _step(
             self.task,
             self._how,
-            self._mode.value,
+            self.autoreset_mode.value,
             self._env,
             commands,
             self._over,
@@ -139,7 +140,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         seen, reward, terminated, truncated, info, again, final = jax.tree.map(np.array, new)
         self._episodes += again
         info = _masked(info, np.ones(self.num_envs, bool))
-        if self._mode is AutoresetMode.SAME_STEP and again.any():
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and again.any():
             final_seen, final_info = final
             info["final_obs"], info["_final_obs"] = np.full(self.num_envs, None), again
             for world in np.flatnonzero(again):
@@ -149,18 +150,12 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         return seen.astype(np.float32), reward.astype(np.float64), terminated, truncated, info
 
     def _mask(self, options: Any) -> np.ndarray:
-        rest = inputs.given(options)
+        rest = inputs.options(options)
         mask = rest.pop("reset_mask", np.ones(self.num_envs, bool))
         if rest:
-            raise Refusal(f"reset has no option {next(iter(rest))!r}; choose from reset_mask")
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-            raise TypeError(f"options['reset_mask'] is an array of bool, got {type(mask)}")
-        if mask.shape != (self.num_envs,) or not mask.any():
-            raise Refusal(
-                f"options['reset_mask'] has the shape ({self.num_envs},) and names one world at "
-                f"least, got the shape {mask.shape} and {int(mask.sum())} of them"
-            )
-        return mask
+            odd = inputs.short(next(iter(rest)))
+            raise Refusal(f"reset has no option {odd}; choose from reset_mask")
+        return inputs.mask(mask, self.num_envs)
 
 
 def _masked(info: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:

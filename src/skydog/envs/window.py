@@ -1,40 +1,47 @@
 """What an environment shows: pictures as arrays, or a window."""
 
 import os
+from collections import deque
 from typing import Any, ClassVar
 
 import jax
 import numpy as np
 from gymnasium.error import DependencyNotInstalled, UnsupportedMode
 
+from skydog.envs import inputs
 from skydog.envs.tasks import EnvState, Task
 
 PIXELS = 480  # the side of a picture
+TRAIL = 200  # instants that a trail shows, so that a frame of a long episode costs no more
 
 
 class Renderer:
-    """Remembers an episode for its trails, and draws it; without a render mode does nothing."""
+    """Remembers the trails of an episode, and draws it; without a render mode does nothing."""
 
     def __init__(self, task: Task, mode: str | None, metadata: dict[str, Any]):
         """Raises `UnsupportedMode` for a mode that there is not, or a window without a display."""
         modes = metadata["render_modes"]
-        if mode is not None and mode not in modes:
-            raise UnsupportedMode(f"no render_mode is called {mode!r}; choose from {modes}, None")
+        if mode is not None and not (isinstance(mode, str) and mode in modes):
+            given = inputs.short(mode)
+            raise UnsupportedMode(f"no render_mode is called {given}; choose from {modes}, None")
         self._task, self._mode, self._rate = task, mode, metadata["render_fps"]
         self._window = _Window(PIXELS) if mode == "human" else None
-        self._scenes: list[tuple[Any, ...]] = []
+        self._env: Any = None  # the latest instant, an `EnvState`
+        self._trail: deque[Any] = deque(maxlen=TRAIL)  # where sheep and dogs were, and are
         self._draw: Any = None
 
     def reset(self, env: EnvState) -> None:
         """Forget the episode before."""
-        self._scenes, self._draw = [], None
+        self._trail.clear()
+        self._draw = None
         self.add(env)
 
     def add(self, env: EnvState) -> None:
         """Remember an instant, and show it if there is a window."""
         if self._mode is None:
             return
-        self._scenes.append(jax.device_get(_scene(self._task, env)))
+        self._env = env
+        self._trail.append(jax.device_get((env.episode.state.sheep, env.episode.state.dogs)))
         if self._window is not None:
             self._window.show(self._drawn(), self._rate)
 
@@ -54,17 +61,12 @@ class Renderer:
     def _drawn(self) -> np.ndarray:
         from skydog.view.animation import stage
 
-        world, state, subgoal, drives, success = self._scenes[-1]
+        world, state, subgoal, drives, success = _scene(self._task, self._env)
         if self._draw is None:
-            world = jax.device_put(world)  # numbers of a world are jax's, not numpy's
             self._draw = stage(world, len(state.sheep), len(state.dogs), PIXELS)
-        sheep, dogs = (
-            np.stack([getattr(scene[1], who) for scene in self._scenes])
-            for who in ("sheep", "dogs")
-        )
-        return self._draw(
-            sheep, dogs, subgoal, drives, "accomplished" if success else "", len(sheep) - 1
-        )
+        sheep, dogs = (np.stack(places) for places in zip(*self._trail, strict=True))
+        title, step = "accomplished" if success else "", int(self._env.episode.step)
+        return self._draw(sheep, dogs, np.asarray(subgoal), np.asarray(drives), title, step)
 
 
 class _Window:

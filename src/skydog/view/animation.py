@@ -135,9 +135,9 @@ def stage(
         canvas = FigureCanvasAgg(figure)
         figure.subplots_adjust(left=0.11, right=0.98, bottom=0.1, top=0.92)
         axes = figure.subplots()
-        ground(axes, world)
         beyond = min(float(world.dog.airspace), float(world.arena.size) / 2)
         limits = limits or extent(world, jnp.array([-beyond, float(world.arena.size) + beyond]))
+        ground(axes, world, limits)
         axes.set(xlim=limits, ylim=limits)
         moving, move = _scene(axes, world, sheep, dogs)
         for artist in moving:
@@ -204,9 +204,11 @@ def _scene(
     """What moves on a ground, from the back to the front, and what moves it to an instant."""
     name = axes.set_title("", loc="left", parse_math=False)
     clock = axes.set_title("", loc="right", bbox={"edgecolor": "none", "pad": 2})
-    spread = float(herding.gathered_radius(world, sheep))
+    lowest, highest = axes.get_xlim()
+    span = highest - lowest
+    spread = drawn.drawn(float(herding.gathered_radius(world, sheep)), span)
     gathered = Circle((0, 0), spread, fill=False, edgecolor="#444444", linestyle="--")
-    seen = drawn.sensing(world) or 0.0
+    seen = drawn.drawn(drawn.sensing(world) or 0.0, span)
     sights = [Circle((0, 0), seen, alpha=0.08, color=ROLES["dog"]) for _ in range(dogs)]
     for circle in (gathered, *sights):
         axes.add_patch(circle)

@@ -21,6 +21,7 @@ from skydog.learning.history import Curve
 from skydog.study import metrics
 from skydog.study.progress import Row
 from skydog.view.colours import ROLES
+from skydog.view.ground import drawn
 from skydog.view.style import drawing
 from skydog.world import herding
 from skydog.world.params import World
@@ -148,13 +149,13 @@ def trajectories(traces: dict[str, Trace]) -> Figure:
     with drawing():
         figure = Figure(figsize=(0.3 + 2.9 * len(traces), 4.5), layout="compressed")
         panels = figure.subplots(1, len(traces), squeeze=False, sharex=True, sharey=True)[0]
+        ends = [extent(trace.world, trace.dogs) for trace in traces.values()]
+        limits = min(low for low, _ in ends), max(high for _, high in ends)
         for axes, (name, trace) in zip(panels, traces.items(), strict=True):
-            ground(axes, trace.world)
+            ground(axes, trace.world, limits)
             _paths(axes, trace)
             turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
             axes.set_title(f"{title(name)}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
-        ends = [extent(trace.world, trace.dogs) for trace in traces.values()]
-        limits = min(low for low, _ in ends), max(high for _, high in ends)
         panels[0].set(xlim=limits, ylim=limits)
         figure.legend(handles=_key(), loc="outside lower center", ncols=min(6, 3 * len(traces)))
     return figure
@@ -174,10 +175,13 @@ def svg(figure: Figure) -> str:
     return re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{mark}-", markup)
 
 
-def ground(axes: Axes, world: World) -> None:
-    """Draw what stands still: the arena's walls and the part of the goal disc within them."""
+def ground(axes: Axes, world: World, limits: tuple[float, float]) -> None:
+    """Draw what stands still: the arena's walls and the part of the goal disc within them.
+
+    `limits` are the least and the greatest coordinate to show, in metres.
+    """
     arena = world.arena
-    size, radius = float(arena.size), float(arena.goal_radius)
+    size, radius = float(arena.size), drawn(float(arena.goal_radius), limits[1] - limits[0])
     goal = tuple(herding.goal(arena).tolist())
     walls = Rectangle((0, 0), size, size, fill=False, edgecolor=ROLES["arena"])
     disc = Circle(goal, radius, facecolor=ROLES["goal"], alpha=0.15)

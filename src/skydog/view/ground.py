@@ -1,5 +1,6 @@
 """What is drawn of a world: its ground, and the circles around flock and dogs, as numbers."""
 
+import math
 from typing import Any
 
 import jax
@@ -7,6 +8,8 @@ import numpy as np
 
 from skydog.world import herding
 from skydog.world.params import World
+
+WIDEST = 10.0  # views that a circle is wide, at most
 
 
 def sensing(world: World) -> float | None:
@@ -22,15 +25,27 @@ def greatest(law: object, name: str) -> float | None:
     return None
 
 
-def numbers(world: World, sheep: int) -> dict[str, Any]:
-    """What a page draws of a world besides who moves in it: metres, to the millimetre."""
+def drawn(radius: float, span: float) -> float:
+    """The radius of a circle in a view of so many metres: no file keeps a pencil busy for ever.
+
+    Around something in the view, the rim of so wide a circle is not in it.
+    """
+    return min(radius, WIDEST * span)
+
+
+def numbers(world: World, sheep: int, span: float | None = None) -> dict[str, Any]:
+    """What a page draws of a world besides who moves in it: metres, to the millimetre.
+
+    `span` is how many metres the page shows, if that is known.
+    """
     seen = sensing(world)
+    span = math.inf if span is None else span
     return {
         "size": rounded(world.arena.size),
         "goal": rounded(herding.goal(world.arena)),
-        "radius": rounded(world.arena.goal_radius),
-        "sensing": None if seen is None else rounded(seen),
-        "gathered": rounded(herding.gathered_radius(world, sheep)),
+        "radius": rounded(drawn(float(world.arena.goal_radius), span)),
+        "sensing": None if seen is None else rounded(drawn(seen, span)),
+        "gathered": rounded(drawn(float(herding.gathered_radius(world, sheep)), span)),
     }
 
 

@@ -69,11 +69,12 @@ def _mission(name: str, whole: Trace) -> dict[str, Any]:
     trace = frames(whole)
     until = last_instant(trace) + 1
     recorded = slice(None) if whole.recorded is None else np.asarray(whole.recorded)
+    limits = extent(trace.world, trace.dogs, trace.subgoal)
     sheep, dogs, subgoal = (np.asarray(a)[:until] for a in (trace.sheep, trace.dogs, trace.subgoal))
     return {
         "name": one_line(name),
-        **ground.numbers(trace.world, sheep.shape[1]),
-        "extent": rounded(extent(trace.world, trace.dogs, trace.subgoal)),
+        **ground.numbers(trace.world, sheep.shape[1], limits[1] - limits[0]),
+        "extent": rounded(limits),
         "ending": how_it_ended(whole),
         "time": rounded(trace.time[:until]),
         "step": step_numbers(trace)[:until].tolist(),
