@@ -1,4 +1,4 @@
-"""Aerial shepherding: one drone, flown like a sheepdog, herds a swarm of ground robots.
+"""Aerial shepherding: a drone herds a swarm of ground robots, as a sheepdog herds sheep.
 
 import jax, skydog
 

@@ -2,7 +2,7 @@
 
 import json
 
-from skydog.study import claims, paper, scenarios
+from skydog.study import claims, paper, scenarios, verdict
 
 
 def assert_whole(out, results):
@@ -12,7 +12,8 @@ def assert_whole(out, results):
         assert row["n"] == 30
         assert row["random"]["cases"] == 1000
         assert row["paper"] == paper.PRINTED[name]
-        assert row["verdict"] in ("reproduced", "better", "not reproduced")
+        assert set(row["verdicts"].values()) <= {"better", "compatible", "worse"}
+        assert row["verdict"] == verdict.verdict(row["verdicts"])
         for cases in (row["ours"], row["random"]):
             for metric in ("steps", "distance", "cumulative_reward", "error_per_step", "turn"):
                 low, high = cases[metric]["ci95"]

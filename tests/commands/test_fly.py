@@ -9,7 +9,7 @@ import pytest
 
 from skydog.commands import herd, replay, test, train, training, zoo
 from skydog.learning.curriculum import Curriculum
-from skydog.learning.train import History
+from skydog.learning.history import History
 from skydog.shepherds import store
 from skydog.shepherds.strombom import Strombom
 from skydog.study import cases, evaluate, scenarios
@@ -75,7 +75,7 @@ def test_a_test_of_falling_drones_is_a_row_of_failures_whose_traces_say_why(tmp_
 @pytest.mark.parametrize("command", [herd, train])
 def test_what_is_trained_is_flown_by_what_flies(tmp_path, monkeypatch, command):
     # A training takes no time here: its sheepdog comes from the zoo.
-    history = History(np.ones(20), np.ones(20, int), np.ones(20, bool))
+    history = History(np.ones(20), np.ones(20, int), np.ones(20, bool), np.zeros(0, int), None)
     taught = store.load("h-ddpg-4x4"), {"collect": history, "drive": history}
     monkeypatch.setattr(training, "train_all", lambda *_: True)
     monkeypatch.setattr(training, "fuse", lambda *_: taught)

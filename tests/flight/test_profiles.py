@@ -94,8 +94,8 @@ def test_a_drone_that_ships_can_lift_itself_and_is_not_heavier_than_physics_allo
         (r"^kind = .*$", "kind = ['uav']", r"it must say kind = 'uav'"),
         (r"^kind = .*$", "", r"it must say kind = 'uav'"),
         (r"^kind = .*$", "kind = 'uav'\nname = 3", r"name = 3"),
-        (r"^kind = .*$", "kind = 'uav'\nbody = 3.0\n[more]", r"is no TOML"),
-        (r"^mass", "mass mass", r"is no TOML"),
+        (r"^kind = .*$", "kind = 'uav'\nbody = 3.0\n[more]", r"is not valid TOML"),
+        (r"^mass", "mass mass", r"is not valid TOML"),
     ],
 )
 def test_a_broken_profile_is_refused_by_the_name_of_what_is_wrong(tmp_path, old, new, told):
@@ -125,10 +125,10 @@ def test_a_table_where_a_number_should_be_is_refused_and_a_number_for_a_table(tm
     ("content", "told"),
     [
         (b"", "must say kind"),
-        (b"\xff\xfe\x00", "is no TOML"),
+        (b"\xff\xfe\x00", "is not valid TOML"),
         (b"kind = 'uav'\n" + b"# " + b"x" * profiles.LARGEST_FILE, "more than any profile .65,536"),
-        (b"a = " + b"[" * 5000, "is no TOML"),
-        (b"PK\x03\x04", "is no TOML"),
+        (b"a = " + b"[" * 5000, "is not valid TOML"),
+        (b"PK\x03\x04", "is not valid TOML"),
     ],
 )
 def test_a_file_that_is_no_profile_is_refused(tmp_path, content, told):

@@ -111,7 +111,7 @@ def test_a_profile_that_is_not_there_is_told_and_the_rest_is_checked_all_the_sam
 
 def test_what_a_sheepdog_was_not_taught_for_is_said_and_is_no_fault():
     pair = replace(SITE, ugv=SITE.ugv[:2])
-    (line,) = [line for line in check.lines(pair) if "was taught" in line.what]
+    (line,) = [line for line in check.lines(pair) if "was trained" in line.what]
     assert line.ok
     assert "with 3 sheep, not 2" in line.what
     assert "skydog twin h-ddpg-6x6" in line.write

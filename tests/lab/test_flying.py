@@ -292,7 +292,7 @@ def test_a_rover_that_is_stuck_is_named_once(fly):
         return jnp.array([[0.3, -0.2]])
 
     _, lines, _ = fly(in_mission, jam, site=a_small_site(steps=38), shepherd=herd)
-    assert lines.count("ugv1 is told to drive and stands") == 1
+    assert lines.count("ugv1 is commanded to drive and does not move") == 1
 
 
 def test_a_view_comes_ten_times_a_second(fly):

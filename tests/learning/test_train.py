@@ -12,7 +12,7 @@ from toys import Count
 
 from skydog import files
 from skydog.errors import Refusal
-from skydog.learning import ddpg, dqn, train
+from skydog.learning import ddpg, dqn, history, train
 from skydog.learning.lessons import Lesson
 from skydog.world.presets import preset
 
@@ -20,6 +20,7 @@ LESSON = Lesson(preset("paper", 4.0), "drive")
 CONFIG = ddpg.Config(actor=(8,), critic=(8,), memory=600)
 CARD = {"skill": "drive", "sheep": 3}
 STEPS = 2_500
+BIAS = "history.skills.layers.linears.0.bias"
 
 
 def run(folder=None, seed=4, steps=STEPS, config=CONFIG, card=CARD, **options):
@@ -49,10 +50,7 @@ def assert_the_same(one, other):
 
 def assert_the_same_run(one, other):
     assert_the_same(one[0], other[0])
-    for name in ("reward", "length", "success"):
-        here, there = getattr(one[1], name), getattr(other[1], name)
-        assert here.dtype == there.dtype
-        assert np.array_equal(here, there)
+    assert_the_same(one[1], other[1])
 
 
 def digest(training) -> str:
@@ -73,6 +71,25 @@ def test_a_stopped_run_resumes_bit_for_bit(stopped, uninterrupted):
 def test_how_a_run_is_cut_into_chunks_does_not_matter(monkeypatch, uninterrupted):
     monkeypatch.setattr(train, "CHUNK", 625)
     assert_the_same_run(run(), uninterrupted)
+
+
+def test_the_skill_on_the_way_is_kept_however_a_run_is_cut(monkeypatch, tmp_path, uninterrupted):
+    at = {steps: run(steps=steps)[0].agent.skill for steps in (0, 1_500)}
+    monkeypatch.setattr(history, "SNAPSHOT", 1_500)  # no multiple of a chunk
+    run(tmp_path, callback=lambda _: False)
+    training, found = run(tmp_path, resume=True)
+    assert_the_same(training, uninterrupted[0])
+    assert found.step.tolist() == list(at)
+    for step, skill in at.items():
+        assert_the_same(found.skill(step), skill)
+
+
+def test_a_run_from_before_skills_were_kept_resumes_without_them(stopped, uninterrupted):
+    damaged(stopped, lambda arrays: [arrays.pop(name) for name in kept(arrays)])
+    training, history = run(stopped, resume=True)
+    assert_the_same(training, uninterrupted[0])
+    assert history.step.size == 0
+    assert_the_same(history.reward, uninterrupted[1].reward)
 
 
 def test_the_same_seed_gives_the_same_run_and_another_another(uninterrupted):
@@ -158,6 +175,11 @@ def test_a_truncated_checkpoint_is_refused_and_left_as_it_was(stopped, share):
     assert checkpoint.read_bytes() == cut
 
 
+def kept(arrays):
+    """The names of the skills that a history keeps, and of their steps."""
+    return [name for name in arrays if name.startswith(("history.step", "history.skills"))]
+
+
 def damaged(folder, change):
     path = train.checkpoint_in(folder)
     arrays, card = files.load_arrays(path, train.KIND)
@@ -175,6 +197,10 @@ def damaged(folder, change):
         lambda arrays: arrays.update(step=arrays["step"].astype(np.int64)),
         lambda arrays: arrays.update({"history.length": np.zeros(3, np.int32)}),
         lambda arrays: arrays.update({"history.reward": np.array([b"x"] * 7)[:, None] == b"x"}),
+        lambda arrays: arrays.pop("history.step"),
+        lambda arrays: arrays.update({"history.step": np.arange(2, dtype=np.int32)}),
+        lambda arrays: arrays.update({BIAS: arrays[BIAS][:, :1]}),
+        lambda arrays: arrays.update({name: arrays[name].repeat(2, 0) for name in kept(arrays)}),
     ],
     ids=[
         "no history",
@@ -184,6 +210,10 @@ def damaged(folder, change):
         "a leaf of another kind",
         "a history of unequal lengths",
         "a history of another kind",
+        "skills of unknown steps",
+        "more steps than skills",
+        "a skill of another shape",
+        "the same step twice",
     ],
 )
 def test_a_checkpoint_that_does_not_fit_is_refused(stopped, change):
@@ -212,6 +242,7 @@ def test_the_curve_has_a_row_every_ten_episodes_and_agrees_with_the_history(tmp_
 
 def test_a_callback_hears_of_every_chunk(monkeypatch, uninterrupted):
     monkeypatch.setattr(train, "CHUNK", 1_000)
+    monkeypatch.setattr(train, "RECENT", 10)
     heard = []
     _, history = run(callback=lambda progress: heard.append(progress) or True)
     assert [progress.step for progress in heard] == [1_000, 2_000, 2_500]

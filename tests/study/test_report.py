@@ -45,7 +45,7 @@ def in_markdown(rows):
 
 
 def in_html(rows):
-    page = report.report(rows, {}, "", "skydog reproduce", [])
+    page = report.report(rows, {}, {}, "skydog reproduce", [])
     body = page.partition("<tbody>")[2].partition("</tbody>")[0]
     return [
         [unescape(re.sub(r"<[^>]+>", "", cell.replace("<br>", " "))) for cell in found]
@@ -91,8 +91,8 @@ def test_a_scenario_may_have_any_name(name):
 def test_a_report_holds_command_figures_player_and_notes_and_text_stays_text():
     page = report.report(
         [Row("H-DDPG-4x4", OURS, PAPER)],
-        {"paths & <b>ends</b>": "<svg id='paths'></svg>"},
-        "<section id='player'></section>",
+        {"Replay": "<section id='player'></section>"},
+        {"Paths": {"paths & <b>ends</b>": "<svg id='paths'></svg>"}},
         "skydog reproduce --out <here>",
         ["starts are <ours>"],
     )
@@ -103,10 +103,10 @@ def test_a_report_holds_command_figures_player_and_notes_and_text_stays_text():
 
 
 def test_a_report_refers_to_nothing_outside_itself():
-    page = report.report([Row("H-DDPG-4x4", OURS, PAPER)], {}, "", "make herd", [])
+    page = report.report([Row("H-DDPG-4x4", OURS, PAPER)], {}, {}, "make herd", [])
     assert not re.search(r"https?:|\bsrc=|\bhref=|@import|url\(", page)
 
 
 def test_a_section_without_content_has_no_heading():
-    page = report.report([Row("H-DDPG-4x4", OURS)], {}, "", "make herd", [])
+    page = report.report([Row("H-DDPG-4x4", OURS)], {}, {}, "make herd", [])
     assert re.findall(r"<h2>(\w+)</h2>", page) == ["Results"]

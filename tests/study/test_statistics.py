@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
-from skydog.study.statistics import paired, share, summary
+from skydog.study.statistics import fisher, mcnemar, paired, share, student, summary, welch
 
 
 def test_the_mean_and_the_sample_deviation_of_a_known_sample():
@@ -69,3 +70,46 @@ def test_paired_differences_see_what_the_cases_share_and_separate_means_do_not()
     assert found["mean"] == pytest.approx(np.mean(0.1 * np.arange(30)) - 3.0)
     assert found["ci95"][1] < 0.0
     assert summary(case)["ci95"][1] - summary(case)["ci95"][0] > 15.0
+
+
+@pytest.mark.parametrize(("offset", "sign"), [(-20.0, -1), (0.5, 0), (20.0, 1)])
+def test_welchs_test_needs_no_more_than_mean_and_sd(offset, sign):
+    draw = np.random.default_rng(2)
+    ours, theirs = draw.normal(100.0 + offset, 10.0, 30), draw.normal(100.0, 20.0, 20)
+    found = welch(summary(ours), 30, summary(theirs), 20)
+    assert found.sign == sign
+    _, expected = stats.ttest_ind(ours, theirs, equal_var=False)
+    assert found.p == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "sign"),
+    [
+        ((1030, 1030), (29, 30), 1),
+        ((30, 30), (29, 30), 0),
+        ((0, 30), (29, 30), -1),
+        ((999, 1000), (30, 30), 0),
+    ],
+)
+def test_shares_of_different_numbers_of_missions_are_compared(ours, theirs, sign):
+    assert fisher(*ours, *theirs).sign == sign
+
+
+@pytest.mark.parametrize(
+    ("gained", "lost", "sign", "p"),
+    [(0, 0, 0, 1.0), (5, 0, 0, 2 / 2**5), (6, 0, 1, 2 / 2**6), (0, 6, -1, 2 / 2**6)],
+)
+def test_of_the_same_cases_those_count_that_only_one_accomplishes(gained, lost, sign, p):
+    both = np.ones(20, bool)
+    ours = np.concatenate([both, np.ones(gained, bool), np.zeros(lost, bool)])
+    theirs = np.concatenate([both, np.zeros(gained, bool), np.ones(lost, bool)])
+    assert mcnemar(ours, theirs) == (sign, pytest.approx(p))
+
+
+@pytest.mark.parametrize(("expected", "sign"), [(0.0, 1), (2.4, 0), (9.0, -1)])
+def test_a_mean_is_held_against_a_number(expected, sign):
+    assert student(np.array([1.0, 2.0, 3.0, 4.0]), expected).sign == sign
+
+
+def test_one_value_is_more_than_no_number():
+    assert student(np.array([5.0]), 0.0).sign == 0

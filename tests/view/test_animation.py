@@ -83,6 +83,26 @@ def test_the_first_picture_of_a_film_shows_everyone_in_their_colours(tmp_path, s
     assert shows(first, "drive", off=40) or shows(first, "collect", off=40)
 
 
+def test_a_gif_has_the_very_colour_of_whatever_is_small(tmp_path):
+    film = Image.open(io.BytesIO(animation.gif({"Strömbom": two_dogs_cut_short()})))
+    first = np.asarray(film.convert("RGB"))
+    assert all(shows(first, role) for role in ("sheep", "dog", "subgoal"))
+
+
+@pytest.mark.parametrize(("sheep", "far_back"), [(3, True), (100, False)])
+def test_of_a_large_flock_only_the_latest_way_is_shown(sheep, far_back):
+    world, instants = preset("paper", 30.0, sheep), 200
+    way = np.full((instants, sheep, 2), 15.0, np.float32)
+    way[:100, :, 0] = 25.0  # the trail leads there, for those who remember it
+    dogs = np.full((instants, 1, 2), 5.0, np.float32)
+    draw = animation.stage(world, sheep, 1)
+    moved, stood = (
+        draw(seen, dogs, dogs[0], np.ones(1, bool), "", 0)
+        for seen in (way, np.full_like(way, 15.0))
+    )
+    assert (not np.array_equal(moved, stood)) == far_back
+
+
 @pytest.mark.parametrize("film", [animation.gif, animation.mp4])
 def test_three_missions_stand_side_by_side_until_the_longest_ends(film):
     traces = {"one": circling(4), "two": circling(8), "pair": two_dogs_cut_short()}

@@ -86,7 +86,7 @@ def test_missions_are_drawn_over_the_training_steps_beside_the_rule_dog():
         mean = {"mean": steps, "sd": 9, "ci95": interval[1]}
         return {"success": success, "success_ci95": interval[0], "cases": 30, "steps": mean}
 
-    rows, rule = {0: row(0.1, 900), 5_000: row(0.8, 200)}, row(0.9, 120)
+    rows, rule = {0: row(0.1, 900.0), 5_000: row(0.8, 200.0)}, row(0.9, 120.0)
     curves = {skill: curve(EPISODES) for skill in ("collect", "drive")}
     success, collect, steps, drive = figures.learning(rows, rule, curves).axes
     for axes, values, level in ((success, [10, 80], 90), (steps, [900, 200], 120)):

@@ -53,6 +53,13 @@ def saved(tmp_path, unfinished):
     return path
 
 
+def test_the_beginning_of_a_mission_is_its_first_steps(unfinished):
+    begun = traces.beginning(unfinished, 7)
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(begun, name), getattr(unfinished, name)[:8])
+    assert len(traces.beginning(unfinished, 1000).time) == len(unfinished.time)
+
+
 def test_a_trace_comes_back_exactly_with_its_world_and_its_shepherd(saved, unfinished):
     back, shepherd = traces.load(saved)
     assert shepherd == "a rule dog"
@@ -115,7 +122,7 @@ def test_a_trace_without_one_of_its_arrays_is_refused_by_its_name(saved, name):
 )
 def test_a_misshapen_array_is_refused(saved, name, misshapen):
     message = changed(saved, lambda arrays, card: arrays.update({name: misshapen}))
-    assert "no whole trace" in message
+    assert "not a full trace" in message
 
 
 @pytest.mark.parametrize(
@@ -139,7 +146,7 @@ def test_a_trace_of_no_instants_is_refused(saved):
     def empty(arrays, card):
         arrays.update({name: array[:0] for name, array in arrays.items()})
 
-    assert "no whole trace" in changed(saved, empty)
+    assert "not a full trace" in changed(saved, empty)
 
 
 @pytest.mark.parametrize("world", [None, [], "paper", 4.0])

@@ -7,7 +7,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from skydog import files
@@ -17,7 +16,7 @@ from skydog.learning import workers
 from skydog.learning.curriculum import Curriculum
 from skydog.learning.history import History
 from skydog.learning.options import Skill
-from skydog.learning.train import KIND, checkpoint_in, init, load
+from skydog.learning.train import KIND, blank, checkpoint_in, load
 from skydog.learning.workers import Job
 from skydog.shepherds import scope
 from skydog.shepherds.sheepdog import Sheepdog
@@ -71,8 +70,8 @@ def fuse(curriculum: Curriculum, folder: Path, seed: int) -> tuple[Sheepdog, dic
     """The sheepdog that the two trainings in a folder amount to, and their histories."""
     skills, histories = {}, {}
     for job in jobs(curriculum, folder, seed, resume=True):
-        blank = init(curriculum.lesson(job.skill), curriculum.config(), jax.random.key(0))
-        training, histories[job.skill] = load(job.folder, blank, job.card)
+        like = blank(curriculum.lesson(job.skill), curriculum.config())
+        training, histories[job.skill] = load(job.folder, like, job.card)
         skills[job.skill] = training.agent.skill
     size = float(curriculum.world().arena.size)
     return Sheepdog(skills["collect"], skills["drive"], size, curriculum.frame), histories

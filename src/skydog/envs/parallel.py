@@ -10,6 +10,7 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.seeding import np_random
 from pettingzoo import ParallelEnv
 
+from skydog import numerics
 from skydog.envs import inputs, tasks
 from skydog.envs.single import render_fps, spaces_of
 from skydog.envs.tasks import ObservationKind
@@ -34,6 +35,7 @@ class ParallelHerdingEnv(ParallelEnv[str, np.ndarray, Any]):
         "is_parallelizable": True,
     }
 
+    @numerics.ours()
     def __init__(
         self,
         dogs: int = 3,
@@ -71,6 +73,7 @@ class ParallelHerdingEnv(ParallelEnv[str, np.ndarray, Any]):
         """A dog's velocity, in shares of its speed limit."""
         return self.action_spaces[agent]
 
+    @numerics.ours()
     def reset(
         self, seed: Any = None, options: Any = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
@@ -91,6 +94,7 @@ class ParallelHerdingEnv(ParallelEnv[str, np.ndarray, Any]):
         self.agents = list(self.possible_agents)
         return self._each(np.array(seen, np.float32)), self._infos(info)
 
+    @numerics.ours()
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[

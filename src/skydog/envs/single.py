@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
+from skydog import numerics
 from skydog.envs import inputs, tasks
 from skydog.envs.tasks import ObservationKind
 from skydog.envs.window import Renderer
@@ -30,6 +31,7 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
 
+    @numerics.ours()
     def __init__(
         self,
         task: str = "herd",
@@ -53,6 +55,7 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
         self._seed, self._episode = 0, 0
         self._env: Any = None  # an `EnvState`, once it is reset
 
+    @numerics.ours()
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
         """A fresh episode: what the dog sees, and `info`."""
         placed = tasks.placed(self.task, options)
@@ -69,6 +72,7 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
         seen, *_, info = self._unpacked(row)
         return seen, info
 
+    @numerics.ours()
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Fly one step: what the dog sees, reward, terminated, truncated, and `info`."""
         if self._env is None:

@@ -10,6 +10,7 @@ from gymnasium.error import ResetNeeded, UnsupportedMode
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from skydog import numerics
 from skydog.envs import inputs, tasks
 from skydog.envs.single import render_fps, spaces_of
 from skydog.envs.tasks import ObservationKind
@@ -36,6 +37,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
+    @numerics.ours()
     def __init__(
         self,
         num_envs: int = 1,
@@ -83,6 +85,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         self._over = np.zeros(num_envs, bool)
         self._env: Any = None  # `EnvState` of all worlds, once they are reset
 
+    @numerics.ours()
     def reset(
         self,
         *,
@@ -114,6 +117,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         seen, info = _look(self.task, self._how, self._env)
         return np.array(seen, np.float32), _masked(info, again)
 
+    @numerics.ours()
     def step(
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:

@@ -107,7 +107,7 @@ def _mission(site: Site, world: World) -> Iterator[Line]:
     yield Line(
         True,
         f"sheepdog {asked.sheepdog}, "
-        + (f"which was taught {'; '.join(beyond)}" if beyond else "taught for this mission"),
+        + (f"which was trained {'; '.join(beyond)}" if beyond else "trained for this mission"),
         f"fly it in the twin first: skydog twin {asked.sheepdog} {flags}" if beyond else "",
     )
 

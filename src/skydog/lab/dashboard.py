@@ -121,7 +121,7 @@ def _gate(view: View) -> list[Text]:
 def _robots(view: View, site: Site) -> Table:
     """A line for each robot: metres, the pose's age, poses a second, the speed it is told."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for name in ("robot", "x m", "y m", "z m", "pose", "Hz", "told", "says"):
+    for name in ("robot", "x m", "y m", "z m", "pose", "Hz", "speed", "says"):
         number = name not in ("robot", "pose", "says")
         table.add_column(name, justify="right" if number else "left", no_wrap=number)
     frame, commands = view.sighting.frame, view.sent.commands

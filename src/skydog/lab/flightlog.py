@@ -300,7 +300,7 @@ def load(path: Path, case: int | None = None) -> tuple[Trace, str]:
     rows = {name: _rows(file, found, name, numbers) for name in _SHAPES}
     steps = np.array([one.step for one in found])
     if np.any(np.diff(steps) <= 0) or steps[-1] > traces.LONGEST:
-        raise Refusal(f"{file} is no whole log: its decisions are out of order")
+        raise Refusal(f"{file} is not a full log: its decisions are out of order")
     accomplished = np.array([one.accomplished for one in found])
     trace = Trace(
         world=world,
@@ -363,10 +363,10 @@ def _rows(path: Path, found: list[Any], name: str, numbers: dict[str, int]) -> A
     shape = [numbers[size] if isinstance(size, str) else size for size in _SHAPES[name]]
     rows = [getattr(one, name) for one in found]
     if any(len(row) != np.prod(shape) for row in rows) or 0 in shape:
-        raise Refusal(f"{path} is no whole log: {name} is not of {numbers}")
+        raise Refusal(f"{path} is not a full log: {name} is not of {numbers}")
     rows = np.stack(rows).reshape(len(rows), *shape)
     if not np.all(np.abs(rows) <= serialise.LARGEST):
-        raise Refusal(f"{path} is no whole log: {name} is out of bounds")
+        raise Refusal(f"{path} is not a full log: {name} is out of bounds")
     return jnp.asarray(rows)
 
 
@@ -376,5 +376,5 @@ def _ending(
     how = said.how if said else ENDINGS[traces.ACCOMPLISHED] if accomplished else ENDINGS[-1]
     steps = said.steps if said else mission.get("steps")
     if how not in ENDINGS or type(steps) is not int or not last <= steps <= traces.LONGEST:
-        raise Refusal(f"{path} is no whole log: it ended {how!r:.60} of {steps!r:.60} steps")
+        raise Refusal(f"{path} is not a full log: it ended {how!r:.60} of {steps!r:.60} steps")
     return traces.Ending(how=jnp.asarray(ENDINGS.index(how)), steps=jnp.asarray(steps))

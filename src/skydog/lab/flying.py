@@ -99,7 +99,7 @@ class BaseStation:
                 if until(self) and mode == Mode.DISARMED:
                     return self._outcome()
                 if self.orders.quits and self.memory.now - self.look_out.last_seen > GIVES_UP:
-                    self.say("nobody has been seen for long: the operator leaves")
+                    self.say("no drone has been seen for a long time: skydog ends")
                     return self._outcome()
         finally:
             if self._gamepad is not None:
@@ -327,7 +327,7 @@ class BaseStation:
                 n for n, age in zip(self._names, sent.age[0], strict=True) if age > limits.alarm
             ]
             self.say(
-                f"ALARM: {', '.join(lost)} not seen. See that it lands, or cut its motors by E"
+                f"ALARM: {', '.join(lost)} not seen. If it does not land, press E to cut its motors"
             )
         self._alarmed = blind
 

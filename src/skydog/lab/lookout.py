@@ -103,7 +103,8 @@ class Lookout:
         before = self._told
         self._told = np.where(stands, before + DT * np.abs(memory.station.twist.speed[0]), 0.0)
         for number in np.flatnonzero((before <= TOLD) & (self._told > TOLD)):
-            self._say(f"{self._names[len(self._site.uav) + number]} is told to drive and stands")
+            name = self._names[len(self._site.uav) + number]
+            self._say(f"{name} is commanded to drive and does not move")
 
     def _look_for_others(self) -> None:
         wires = (*self._wires.drones, *self._wires.rovers)

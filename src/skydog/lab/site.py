@@ -188,7 +188,7 @@ def _check(site: Site) -> None:
     for axis in "xyz":
         least, most = getattr(site.cage, axis)
         if not least < most:
-            raise Refusal(f"cage.{axis} goes from {least:g} to {most:g} m; the lesser comes first")
+            raise Refusal(f"cage.{axis} goes from {least:g} to {most:g} m; the smaller is first")
     if site.cage.z[0] > 0.0:
         raise Refusal(f"cage.z begins at {site.cage.z[0]:g} m, above the floor; try -0.5")
     robots = [*site.uav, *site.ugv]

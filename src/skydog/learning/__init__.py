@@ -1,1 +1,1 @@
-"""How a skill is learnt: lessons, learners and the one loop that joins them."""
+"""How a skill is learnt: lessons, learners, and the training loop."""

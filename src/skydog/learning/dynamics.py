@@ -1,8 +1,8 @@
-"""How bodies with physics obey, for the fast world: what the twin shows, drawn for each episode.
+"""How bodies with physics respond to commands, for the kinematic world. Drawn for each episode.
 
-A dog comes to its commanded velocity late and drifts; a rover makes only a share of what its force
+A dog reaches its commanded velocity late, and drifts; a rover moves only a share of what its force
 asks for. The ranges of lag and delay bracket what was measured in the twin (docs/twin.md), so that
-a skill which has met all of them need not know which drone it flies.
+a skill which was trained with all of them works for several drones.
 """
 
 import equinox as eqx

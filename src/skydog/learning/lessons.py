@@ -41,13 +41,13 @@ FURTHEST_STRAY = 1.0
 # as far as it flies in an episode.
 REACH = 4.8
 # The `progress` reward takes its dog to a point a little nearer to the sheep than the subgoal
-# that it sees. A dog that holds its driving point but for a few centimetres loses touch: the
-# sheep line up across its way, each just out of sight of it, and nobody ever moves again.
+# that it sees. If a dog stays a few centimetres behind its driving point, the sheep line up at a
+# distance from which they just do not see it, and nothing ever moves again.
 NEARER = 0.9
 # What the `progress` reward adds to the metres gained on the subgoal: so much for each metre
 # that the flock gained, less so much for each metre between dog and subgoal, as the dog sees
 # them, after the step, and for each metre flown. The first is what makes a sheepdog faster
-# than a rule that merely stands on its point, the last what keeps it from shivering there.
+# than a rule that only holds its point, the last prevents it from trembling there.
 FLOCK_SHARE = 4.0
 DISTANCE_COST = 0.1
 FLIGHT_COST = 0.5
@@ -82,7 +82,7 @@ class Episode(eqx.Module):
 
 
 class Outcome(eqx.Module):
-    """What a step brought. The end of the task and the end of the time are told apart."""
+    """The result of a step. The end of the task and the end of the time are separate fields."""
 
     reward: Float[Array, ""]
     terminated: Bool[Array, ""]
@@ -93,8 +93,8 @@ class Outcome(eqx.Module):
 class Lesson(eqx.Module):
     """A training task for one dog: fly to the collecting or to the driving point.
 
-    `paper` is the paper's lesson: ±0.1 for getting nearer or not, ended by arrival. It can
-    be gamed by never arriving. `progress`, the default, pays the metres gained on a
+    `paper` is the paper's lesson: ±0.1 for getting nearer or not, ended by arrival. A dog can
+    earn it for ever by never arriving. `progress`, the default, pays the metres gained on a
     point a little nearer than the subgoal, and by the flock, and goes on after arrival. Each
     episode draws its own scale ξ (see `SCALES`). The subgoal is the
     mission's own: kept within the airspace, behind whichever sheep is the stray at the time.
@@ -214,7 +214,7 @@ class Lesson(eqx.Module):
         """The world of an episode at a scale: its arena is 1/ξ times as long.
 
         `goal` is in sides of the arena. The stray is the furthest, whatever the world's gate: a
-        dog that could change it by where it flies would be paid for a subgoal that jumps nearer.
+        dog that could change the stray by its flight would be paid for a subgoal that jumps nearer.
         """
         size = self.world.arena.size / scale
         return eqx.tree_at(

@@ -1,4 +1,4 @@
-"""The replay memory: a ring of the latest transitions, sampled uniformly."""
+"""The replay memory: a ring buffer of the latest transitions, sampled uniformly."""
 
 import equinox as eqx
 import jax
@@ -32,7 +32,7 @@ def empty(capacity: int, like: Transition) -> Replay:
 
 
 def add(replay: Replay, transition: Transition) -> Replay:
-    """The memory with one more transition, the oldest forgotten when it is full."""
+    """The memory with one more transition, which replaces the oldest one if the memory is full."""
     packed, _ = ravel_pytree(transition)
     at = replay.written % len(replay.ring)
     return Replay(replay.ring.at[at].set(packed), replay.written + 1)

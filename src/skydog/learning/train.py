@@ -12,20 +12,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from skydog import files
+from skydog import files, numerics
 from skydog.errors import Refusal
+from skydog.learning import history as histories
 from skydog.learning import replay
+from skydog.learning.history import EpisodeEnds, History
 from skydog.learning.replay import Replay, Transition
 
 KIND = "checkpoint"
 CHUNK = 1_000  # steps a compiled call: long enough to cost nothing, short enough to watch
 CHECKPOINT = 20_000  # steps between checkpoints
-EPISODES_A_ROW = 10  # paper, Section "Training": rewards in every 10 episodes
-
-Curve = tuple[np.ndarray, np.ndarray]
-"""What one seed learnt: episodes, and the reward per action in the ten up to each of them."""
+RECENT = 100  # episodes that tell how well a training goes; one alone tells where it started
 
 
 @runtime_checkable
@@ -59,48 +58,6 @@ class Training(eqx.Module):
     length: Int[Array, ""]  # of the episode so far
 
 
-class EpisodeEnds(eqx.Module):
-    """Which steps of a chunk ended an episode, and what that episode had come to."""
-
-    ended: Bool[Array, "*chunk"]
-    reward: Float[Array, "*chunk"]
-    length: Int[Array, "*chunk"]
-    success: Bool[Array, "*chunk"]
-
-
-@dataclass(frozen=True)
-class History:
-    """The episodes that have ended, in their order."""
-
-    reward: np.ndarray  # summed over the episode
-    length: np.ndarray  # in steps
-    success: np.ndarray
-
-    def rows(self) -> list[tuple[int, float, float]]:
-        """Every 10 episodes: the last one's number, reward per action, share of successes."""
-        whole = len(self.reward) // EPISODES_A_ROW * EPISODES_A_ROW
-        tens = [values[:whole].reshape(-1, EPISODES_A_ROW) for values in asdict(self).values()]
-        reward, length, success = tens
-        return [
-            (
-                (row + 1) * EPISODES_A_ROW,
-                float(reward[row].sum() / length[row].sum()),
-                float(success[row].mean()),
-            )
-            for row in range(len(reward))
-        ]
-
-    def curve(self) -> Curve:
-        """Episodes, and the reward per action in the 10 up to each."""
-        every_ten = self.rows()
-        return np.array([row[0] for row in every_ten]), np.array([row[1] for row in every_ten])
-
-    def csv(self) -> str:
-        """The learning curve as a table for other tools."""
-        lines = [f"{episode},{reward:.6g},{success:g}" for episode, reward, success in self.rows()]
-        return "\n".join(["episode,reward_per_action,success", *lines, ""])
-
-
 @dataclass(frozen=True)
 class Progress:
     """How far a training has come; what a callback gets after each chunk."""
@@ -108,8 +65,8 @@ class Progress:
     step: int
     steps: int
     episodes: int
-    reward_per_action: float  # over the last 10 episodes
-    success: float  # over the last 10 episodes
+    reward_per_action: float  # over the last 100 episodes
+    success: float  # over the last 100 episodes
 
 
 def learner(config: Any) -> ModuleType:
@@ -131,6 +88,13 @@ def init(task: Task, config: Any, key: PRNGKeyArray) -> Training:
         reward=jnp.zeros(()),  # a strong type, as after a step: else the loop is compiled twice
         length=jnp.asarray(0),
     )
+
+
+@numerics.ours()
+def blank(task: Task, config: Any) -> Training:
+    """A training of zeros, for `load` to be compared with: nothing is compiled for it."""
+    shapes = jax.eval_shape(lambda: init(task, config, jax.random.key(0)))
+    return jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
 
 
 @partial(jax.jit, static_argnames=("config", "steps"), donate_argnames="training")
@@ -187,6 +151,7 @@ def advance(
     return jax.lax.scan(one, training, chances)
 
 
+@numerics.ours()
 def train(
     task: Task,
     config: Any,
@@ -201,25 +166,31 @@ def train(
     """Train until `steps` steps or `episodes` episodes are done, or `callback` returns False.
 
     `callback` gets a `Progress` after each chunk. With a `folder`, everything is kept there:
-    `checkpoint.safetensors` (networks, optimisers, memory, episode; every 20,000 steps and at
-    the end) and `curve.csv`. `card` says what is trained; `resume` continues a checkpoint of
-    the same card, bit for bit, and starts anew where there is none. Raises `Refusal` for a
-    checkpoint that is damaged or of another training.
+    `checkpoint.safetensors` (networks, optimisers, memory, episode, history; every 20,000
+    steps and at the end) and `curve.csv`. `card` says what is trained; `resume` continues a
+    checkpoint of the same card, bit for bit, and starts anew where there is none. Raises
+    `Refusal` for a checkpoint that is damaged, of another training, or further than `steps`.
     """
     key, for_init = jax.random.split(jax.random.key(seed))
     training = init(task, config, for_init)
-    history = History(*(np.zeros(0, kind) for kind in (np.float32, np.int32, np.bool_)))
+    history = histories.begun(training.agent.skill)
     card = {**(card or {}), "seed": seed, "config": files.plain(asdict(config))}
     if resume and folder is not None and checkpoint_in(folder).exists():
         training, history = load(folder, training, card)
 
     done = int(training.step)
+    if done > steps:
+        raise Refusal(
+            f"{folder} was trained for {done:,} steps already, more than the {steps:,} that are "
+            "asked for; ask for at least as many, or choose another --out"
+        )
     saved = -1
     more = True
     while more and not finished(training, history, steps, episodes):
-        training, ended = advance(task, config, training, key, min(CHUNK, steps - done))
+        chunk = min(CHUNK, steps - done, histories.SNAPSHOT - done % histories.SNAPSHOT)
+        training, ended = advance(task, config, training, key, chunk)
         done = int(training.step)
-        history = _extend(history, ended)
+        history = history.extended(done, training.agent.skill, ended)
         _refuse_diverged(done, np.asarray(ended.reward))
         more = callback(_progress(history, done, steps))
         if folder is not None and done % CHECKPOINT < CHUNK:
@@ -241,6 +212,7 @@ def checkpoint_in(folder: Path) -> Path:
     return Path(folder) / "checkpoint.safetensors"
 
 
+@numerics.ours()
 def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, History]:
     """Read the checkpoint in a folder, of a training of the shapes of `like`.
 
@@ -254,21 +226,22 @@ def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, 
                 f"{path} is of a training with {name} {found.get(name)!r}, not {wanted!r}; "
                 "resume with the same options, or choose another --out"
             )
-    missing = np.zeros((0, 0))
-    history = {
-        name: arrays.pop(f"history.{name}", missing) for name in ("reward", "length", "success")
-    }
+    begun, missing = histories.begun(like.agent.skill), np.zeros(())
+    # A training from before skills were kept has none.
+    older = "history.step" not in arrays
+    kept = [
+        arrays.pop(f"history.{name}", leaf[:0] if older else missing)
+        for name, leaf in _named(begun).items()
+    ]
+    history = jax.tree.unflatten(jax.tree.structure(begun), kept)
     expected = _named(like)
     shapes = {name: (leaf.shape, leaf.dtype) for name, leaf in expected.items()}
     if {name: (leaf.shape, leaf.dtype) for name, leaf in arrays.items()} != shapes:
         raise Refusal(f"{path} does not fit this version of skydog; train again")
-    kinds = [(values.ndim, len(values), str(values.dtype)) for values in history.values()]
-    episodes = len(history["reward"])
-    if kinds != [(1, episodes, kind) for kind in ("float32", "int32", "bool")]:
+    if not history.fits(like.agent.skill):
         raise Refusal(f"{path} is damaged: its history is no list of episodes; train again")
     leaves = [jnp.asarray(arrays[name]) for name in expected]
-    training = jax.tree.unflatten(jax.tree.structure(like), leaves)
-    return training, History(**history)
+    return jax.tree.unflatten(jax.tree.structure(like), leaves), history
 
 
 def _refuse_diverged(step: int, *values: np.ndarray) -> None:
@@ -285,17 +258,8 @@ def _blank(task: Task) -> Transition:
     return Transition(seen, jnp.zeros(task.action), nothing, seen, nothing)
 
 
-def _extend(history: History, ended: EpisodeEnds) -> History:
-    at = np.asarray(ended.ended)
-    return History(
-        reward=np.append(history.reward, np.asarray(ended.reward)[at]),
-        length=np.append(history.length, np.asarray(ended.length)[at]),
-        success=np.append(history.success, np.asarray(ended.success)[at]),
-    )
-
-
 def _progress(history: History, done: int, steps: int) -> Progress:
-    last = slice(-EPISODES_A_ROW, None)
+    last = slice(-RECENT, None)
     actions = max(1, int(history.length[last].sum()))
     return Progress(
         step=done,
@@ -306,14 +270,15 @@ def _progress(history: History, done: int, steps: int) -> Progress:
     )
 
 
-def _named(training: Training) -> dict[str, Any]:
-    leaves, _ = jax.tree_util.tree_flatten_with_path(training)
+def _named(tree: Any) -> dict[str, Any]:
+    """The leaves of a tree by their paths in it, as a file names them."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
 
 
 def _save(folder: Path, training: Training, history: History, card: dict[str, Any]) -> None:
     arrays = {name: np.asarray(leaf) for name, leaf in _named(training).items()}
     _refuse_diverged(int(training.step), *arrays.values())
-    arrays |= {f"history.{name}": values for name, values in asdict(history).items()}
+    arrays |= {f"history.{name}": values for name, values in _named(history).items()}
     files.save_arrays(checkpoint_in(folder), arrays, {"kind": KIND, **card})
     files.write_text(folder / "curve.csv", history.csv())

@@ -1,4 +1,4 @@
-"""What every learner does with its weights: step along a slope, and follow slowly."""
+"""What every learner does with its weights: gradient steps, and soft updates of targets."""
 
 from typing import Any, TypeVar
 

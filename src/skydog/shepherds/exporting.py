@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
-from skydog import __version__, files
+from skydog import __version__, files, numerics
 from skydog.errors import Refusal
 from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.options import Frame
@@ -161,6 +161,7 @@ LIMITS = {
 }
 
 
+@numerics.ours()
 def export(path: Path, sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> None:
     """Write a sheepdog that flies in a world as one ONNX file.
 

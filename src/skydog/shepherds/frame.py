@@ -3,8 +3,8 @@
 If the whole world is turned or mirrored, the right action is turned or mirrored too. Under a speed
 limit per axis that holds for the eight symmetries of the square, which swap the axes
 or change their signs. `fold` applies the one that brings the offset from the flock's centre to the
-subgoal into the octant x ≥ y ≥ 0, and `unfold` undoes it for the action. A skill so learns one
-octant, and flies all of them alike. In the paper's frame the axes are the world's.
+subgoal into the octant x ≥ y ≥ 0, and `unfold` undoes it for the action. So a skill learns in
+one octant, and can fly in all of them. In the paper's frame the axes are the world's.
 """
 
 import equinox as eqx

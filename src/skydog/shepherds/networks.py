@@ -1,4 +1,4 @@
-"""The networks of skills and of the learners that train them. Pytrees of arrays alone."""
+"""The networks of skills and of the learners that train them. They are pytrees of arrays only."""
 
 from typing import ClassVar
 
@@ -12,7 +12,7 @@ class MLP(eqx.Module):
     """A feed-forward network with ReLU after each layer but the last.
 
     `eqx.nn.MLP` holds its activation as a leaf, which `jax.jit`, `vmap` over seeds and
-    safetensors would each have to be told to pass over.
+    safetensors would each have to be told to skip.
     """
 
     linears: tuple[eqx.nn.Linear, ...]

@@ -1,4 +1,4 @@
-"""What a sheepdog was taught for, and what a mission asks of it beyond that."""
+"""What a sheepdog was trained for, and what a mission needs beyond that."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The sheepdog: two skills and the gate, fused (paper, "A Hierarchical Framework of DDPGs")."""
+"""The sheepdog: two skills and the gate, combined (paper, "A Hierarchical Framework of DDPGs")."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -34,17 +34,17 @@ def observe(
 def stretched(action: Float[Array, "*batch 2"], xi: Scalar) -> Float[Array, "*batch 2"]:
     """An action through ξ: multiplied by 1/ξ and squashed by tanh (paper, Eq. 22).
 
-    At home, where ξ is 1, it is left as it is.
+    If ξ is 1, the action is not changed.
     """
     return jnp.where(xi == 1.0, action, jnp.tanh(action / xi))
 
 
 class Sheepdog(eqx.Module):
-    """Flies the skill that the gate chooses: a learnt shepherd.
+    """A trained shepherd: it flies the skill that the gate chooses.
 
-    With skills that are `Actor`s it is the paper's H-DDPG, with `GreedyQ`s its predecessor
-    DHRL. In an arena other than the one it learnt in, what it sees is multiplied by ξ, and what
-    H-DDPG commands is stretched by 1/ξ; DHRL's steps keep their length (paper, "Testing").
+    With skills that are `Actor`s it is the paper's H-DDPG, with `GreedyQ`s the earlier DHRL.
+    In an arena of another size than the one it was trained in, its inputs are multiplied by ξ,
+    and H-DDPG's commands by 1/ξ; DHRL's moves keep their length (paper, "Testing").
     """
 
     collect: Actor | GreedyQ

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from skydog import files
+from skydog import files, numerics
 from skydog.errors import Refusal
 from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.options import Frame
@@ -58,6 +58,7 @@ def load(path: str | Path) -> Sheepdog:
     return read(path)[0]
 
 
+@numerics.ours()
 def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
     """A sheepdog and its card, by its name in the zoo, from its file or from its run folder.
 

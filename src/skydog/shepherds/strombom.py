@@ -15,10 +15,10 @@ from skydog.world.vectors import Scalar, limit, norm
 class Strombom(eqx.Module):
     """Flies straight to the subgoal, as fast as the world's dogs may.
 
-    `at_point` is "constant" for a dog that keeps its speed and overshoots, as in Strömbom's
-    model, or "arrive" for one that shortens its last step and stops. `speed`, in m/s, limits
-    the length of the velocity further. While a sheep is nearer than the world's
-    `dog.stall`, the dog stands.
+    `at_point` is "constant" for a dog that always flies at full speed and overshoots, as in
+    Strömbom's model, or "arrive" for one that shortens its last step and stops. `speed`, in m/s,
+    limits the length of the velocity further. While a sheep is nearer than the world's
+    `dog.stall`, the dog hovers.
     """
 
     at_point: AtPoint = eqx.field(static=True, default="constant")

@@ -1,7 +1,8 @@
 """The best-known plans of the fixed cases, and steps as times the best known.
 
 A best-known plan is the shortest mission that the planner (`skydog.shepherds.planner`) found for a
-case. It is an upper bound of the fewest steps: nothing proves that there is no shorter one.
+case. It is an upper bound of the fewest steps. Nothing proves that there is no shorter one, unless
+it takes as few as `metrics.fewest_steps`.
 """
 
 import csv
@@ -92,7 +93,7 @@ def read(text: str, name: str) -> list[Float[np.ndarray, "_ 2"]]:
     try:
         lines = list(csv.reader(text.splitlines()))
     except csv.Error as problem:
-        raise Refusal(f"{name} holds no plans: {problem}; make plans anew") from None
+        raise Refusal(f"{name} holds no plans: {problem}; make plans again") from None
     if not lines or lines[0][:2] != ["case", "steps"]:
         raise Refusal(f"{name} holds no plans: its first line is not case,steps,x1,y1,...")
     return [_row(row, case, f"{name}, line {case + 1},") for case, row in enumerate(lines[1:], 1)]
@@ -103,16 +104,16 @@ def _row(row: list[str], case: int, where: str) -> Float[np.ndarray, "_ 2"]:
         number, steps = int(row[0]), int(row[1])
         velocity = np.array([float(entry) for entry in row[2:]])
     except (ValueError, IndexError):
-        raise Refusal(f"{where} is damaged: it does not hold numbers; make plans anew") from None
+        raise Refusal(f"{where} is damaged: it does not hold numbers; make plans again") from None
     if number != case:
-        raise Refusal(f"{where} is damaged: it is of case {number}, not {case}; make plans anew")
+        raise Refusal(f"{where} is damaged: it is of case {number}, not {case}; make plans again")
     if not 0 <= steps <= LONGEST or len(velocity) != 2 * steps:
         raise Refusal(
             f"{where} is damaged: {len(velocity)} numbers are no x and y of {steps} steps; "
-            "make plans anew"
+            "make plans again"
         )
     if not np.all(np.abs(velocity) <= FASTEST):
-        raise Refusal(f"{where} is damaged: a velocity is no number in m/s; make plans anew")
+        raise Refusal(f"{where} is damaged: a velocity is no number in m/s; make plans again")
     return velocity.reshape(-1, 2)
 
 

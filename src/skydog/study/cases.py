@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
-from skydog import quantities
+from skydog import numerics, quantities
 from skydog.errors import Refusal
 from skydog.study.options import ShippedStarts, Starts
 from skydog.world import herding, mission, params
@@ -23,6 +23,7 @@ from skydog.world.state import State, start
 PAPER_LAYOUT = ((0.55, 0.75), (0.60, 0.70), (0.75, 0.35))
 
 
+@numerics.ours()
 def cases(
     world: World,
     count: int = 30,
@@ -82,6 +83,7 @@ def check(starts: str, sheep: int, dogs: int) -> None:
         )
 
 
+@numerics.ours()
 def shipped(world: World, name: ShippedStarts) -> State:
     """The fixed cases of the simulation study, for an arena of any size.
 

@@ -11,8 +11,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
-from skydog import quantities
+from skydog import numerics, quantities
 from skydog.errors import Refusal
+from skydog.numerics import single
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics, statistics
@@ -37,6 +38,7 @@ MEASURES = (
 )
 
 
+@numerics.ours()
 def fly(
     world: World,
     shepherd: Shepherd,
@@ -57,7 +59,7 @@ def fly(
     keys = None if key is None else jax.random.split(key, len(starts.sheep))
     steps = mission.count(steps)
     every = steps + 1 if every is None else every
-    trace = _fly(params.traced(world), params.traced(shepherd), starts, steps, keys, every)
+    trace = _fly(params.traced(world), params.traced(shepherd), single(starts), steps, keys, every)
     _refuse_lost(trace)
     return trace
 
@@ -95,9 +97,11 @@ def noise_key(world: World, seed: int) -> PRNGKeyArray | None:
     return jax.random.key(seed) if params.noisy(world) else None
 
 
+@numerics.ours()
 def measure(traces: Trace) -> dict[str, np.ndarray]:
     """Every metric of every mission: `success` and `MEASURES`, by name."""
-    return {name: np.asarray(values, np.float64) for name, values in _measure(traces).items()}
+    measured = _measure(single(traces))
+    return {name: np.asarray(values, np.float64) for name, values in measured.items()}
 
 
 def row(traces: Trace) -> dict[str, Any]:

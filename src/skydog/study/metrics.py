@@ -3,14 +3,23 @@
 The seven of the paper's "Evaluation Metrics", each with its definition, and what they lack.
 """
 
+import math
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from skydog.world import herding
+from skydog.world.end import AllHome
+from skydog.world.laws import terms
+from skydog.world.laws.paper import PaperFlock
+from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.limits import AnyDirection, PerAxis
+from skydog.world.params import World
 from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Trace
-from skydog.world.vectors import norm
+from skydog.world.vectors import column, norm
 
 STILL = 1e-6  # metres: a dog that moved less than this in a step has no heading
+ROUNDING = 0.01  # of a step
 
 
 def success(trace: Trace) -> Bool[Array, ""]:
@@ -46,16 +55,60 @@ def steps_gcm(trace: Trace) -> Int[Array, ""]:
 
 
 def steps_ratio(trace: Trace) -> Float[Array, ""]:
-    """`steps`, as a multiple of the fewest that any shepherd could need.
+    """`steps`, as a multiple of the `fewest_steps`: never less than 1.
 
-    Those take the sheep that starts furthest out straight to the goal disc at its full speed;
-    with a speed per sheep, the one that needs the longest. At least one step, so that a mission
-    which starts at home has a ratio.
+    A mission that is accomplished at its start counts as one step. NaN where the fewest are not
+    known, or more than the mission was given.
     """
-    arena, speed = trace.world.arena, trace.world.sheep.speed
-    away = norm(trace.sheep[0] - herding.goal(arena)) - arena.goal_radius
-    needed = jnp.where(jnp.asarray(speed) > 0.0, jnp.ceil(away / (speed * arena.dt)), 0.0)
-    return steps(trace) / jnp.maximum(jnp.max(needed), 1.0)
+    fewest = fewest_steps(trace)
+    ratio = jnp.maximum(steps(trace), 1) / fewest
+    return jnp.where(fewest <= jnp.maximum(_given(trace), 1), ratio, jnp.nan)
+
+
+def fewest_steps(trace: Trace) -> Float[Array, ""]:
+    """Steps, 1 or more, below which no shepherd can accomplish the mission from its start.
+
+    No sheep moves before it sees a dog or touches another sheep. So the nearest dog first flies
+    straight to within R_πβ of a sheep, as fast as it can. Then the sheep with the longest way
+    moves straight to the goal disc, at its full speed.
+
+    NaN where no such bound is known: for a law under which a sheep may exceed its speed, such as
+    `LiteralFlock`, or of one's own; for another `end` than the paper's; for bodies with physics;
+    for a start outside the walls.
+    """
+    world, sheep, dogs = trace.world, trace.sheep[0], trace.dogs[0]
+    arena, speed = world.arena, jnp.asarray(world.sheep.speed)
+    normalised = type(world.flock) in (PaperFlock, StrombomFlock)
+    if not normalised or type(world.end) is not AllHome or trace.poses is not None:
+        return jnp.asarray(jnp.nan)
+    away = norm(sheep - herding.goal(arena)) - arena.goal_radius
+    stride = jnp.where(speed > 0.0, speed * arena.dt, jnp.inf)
+    longest = jnp.max(_whole_steps(away, stride))
+    fewest = jnp.where(longest > 0.0, longest + _steps_of_rest(world, sheep, dogs), 1.0)
+    inside = jnp.all((sheep >= 0.0) & (sheep <= arena.size))
+    inside &= jnp.all(dogs == herding.within_airspace(world, dogs))
+    return jnp.where(inside, fewest, jnp.nan)
+
+
+def _steps_of_rest(
+    world: World, sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]
+) -> Float[Array, ""]:
+    """The steps from a start before which no sheep can move, whatever the dogs do."""
+    flock, dog = world.flock, world.dog
+    far = jnp.min(norm(sheep[:, None] - dogs[None, :]) - column(flock.sensing, len(sheep)))
+    # Limits of one's own may allow any speed, and so may an error that is added to it.
+    factor = {PerAxis: math.sqrt(2.0), AnyDirection: 1.0}.get(type(dog.limits), math.inf)
+    noisy = jnp.asarray(dog.actuation_noise) > 0.0
+    stride = jnp.where(noisy, jnp.inf, factor * dog.speed * world.arena.dt)
+    restless = jnp.any(terms.avoid(sheep, flock.avoidance) != 0.0)
+    if isinstance(flock, StrombomFlock):
+        restless |= jnp.any(jnp.asarray(flock.graze) > 0.0)
+    return jnp.where(restless, 0.0, _whole_steps(far, stride))
+
+
+def _whole_steps(way: Float[Array, "*n"], stride: Float[Array, "*m"]) -> Float[Array, "*n"]:
+    """The steps of so many metres that a way takes at least; rounding must not add one."""
+    return jnp.maximum(jnp.ceil(way / stride - ROUNDING), 0.0)
 
 
 def distance(trace: Trace) -> Float[Array, ""]:

@@ -27,6 +27,7 @@ COLUMNS = (
     "paper: steps (GCM)",
     "paper: distance (m)",
 )
+RESULTS = "results.json"
 OURS = 5  # columns that are ours; the others are the paper's
 HOW_TO_READ = (
     "Each figure is mean ± SD over the cases, with the bootstrap 95 % interval of the mean in "
@@ -34,6 +35,22 @@ HOW_TO_READ = (
     "gathered unless the world says otherwise; steps (GCM) until the flock's centre is home, which "
     "is what the paper counts."
 )
+
+GLOSSARY = {
+    "sheep": "A ground robot. It moves away from dogs and keeps a distance from other sheep.",
+    "dog": "The drone, which herds.",
+    "shepherd": "The program that steers the dog. Strombom is the rule dog: it follows the rules "
+    "of Strömbom et al. 2014 and learns nothing. H-DDPG is the sheepdog of the paper, DHRL the one "
+    "before it: two learnt skills, and a gate that chooses one of them at each step.",
+    "collect, drive": "The two skills. While a sheep is further than f(N) from the GCM, the dog "
+    "collects: it flies behind that sheep. Else it drives: it flies behind the flock.",
+    "GCM": "Global centre of mass: the mean position of all sheep.",
+    "f(N)": "The radius around the GCM within which a flock of N sheep counts as gathered.",
+    "ξ": "The side of the arena in which a sheepdog learnt, divided by the side of the arena in "
+    "which it flies. The sheepdog sees distances multiplied by ξ. 4x4to6x6 means: it learnt in "
+    "4 m × 4 m and flies in 6 m × 6 m.",
+    "step": "0.1 s, in which the dog and the sheep move once.",
+}
 
 
 @dataclass(frozen=True)
@@ -56,7 +73,7 @@ def rows(results: dict[str, Any], as_paper: bool = True) -> list[Row]:
 
 def write(out: Path, results: dict[str, Any]) -> None:
     """Write `results.json`."""
-    files.write_text(out / "results.json", json.dumps(files.plain(results), indent=2) + "\n")
+    files.write_text(out / RESULTS, json.dumps(files.plain(results), indent=2) + "\n")
 
 
 def cells(row: Row) -> list[str]:
@@ -158,27 +175,38 @@ def figures_html(figures: dict[str, str]) -> str:
 
 
 def report(
-    rows: list[Row], figures: dict[str, str], player: str, command: str, notes: list[str]
+    rows: list[Row],
+    replays: dict[str, str],
+    figures: dict[str, dict[str, str]],
+    command: str,
+    notes: list[str],
 ) -> str:
     """One HTML page with everything in it.
 
-    `figures` are inline SVG by caption and `player` is the replay as an HTML fragment, both
-    from `skydog.view`; `command` is what the user typed and `notes` are sentences, as text.
+    By the headings of their sections, `replays` are HTML fragments, and `figures` are inline SVG by
+    caption, both from `skydog.view`; `command` is what the user typed and `notes` are sentences,
+    as text.
     """
     text = "".join(f"<p>{escape(note)}</p>" for note in notes)
     sections = {
-        "Results": _html(rows),
-        "Figures": figures_html(figures),
-        "Replay": player,
+        **replays,
+        "Results": glossary_html() + _html(rows),
+        **{heading: figures_html(drawn) for heading, drawn in figures.items()},
         "Notes": text,
     }
     return document(
         "Aerial shepherding: results",
-        "<p>A drone herds ground robots to a goal. Every scenario was flown from its cases and "
-        "measured; what the paper printed for it stands beside. Made by "
-        f"<code>{escape(command)}</code>.</p>"
+        "<p>A drone herds ground robots to a goal, as a sheepdog herds sheep. Each shepherd flew "
+        "the same missions. The table shows how well it did, beside what the paper printed. "
+        f"Made by <code>{escape(command)}</code>.</p>"
         + "".join(f"<h2>{name}</h2>{body}" for name, body in sections.items() if body),
     )
+
+
+def glossary_html() -> str:
+    """What the words of a table mean, for a page."""
+    entries = (f"<dt>{name}</dt><dd>{meaning}</dd>" for name, meaning in GLOSSARY.items())
+    return f"<dl>{''.join(entries)}</dl>"
 
 
 def document(title: str, body: str) -> str:

@@ -20,10 +20,10 @@ ALL_SEEDS = {
 FIGURES = {  # by caption: the name of its file
     "The 15th case in 6 × 6, flown by each shepherd": "trajectories",
     "From one arena to another: 30 cases in each, with 95 % intervals": "transfer",
-    "Learning curves: mean and SD over the seeds of the reward per action in every 10 episodes, "
-    "lessons and reward as ours": "learning_curves",
+    "Learning curves: reward per action, the running mean of 100 episodes (thin line: every 10), "
+    "mean and SD over the seeds, lessons and reward as ours": "learning_curves",
     "The same with the paper's lessons and reward, at most 0.1, for as many steps; episodes grow "
-    "long, and so are few": "learning_curves_paper",
+    "long, and so are few, and the running mean is of a tenth of them": "learning_curves_paper",
 }
 MORE = {"steps": ".0f", "steps_gcm": ".0f", "distance": ".1f"}
 
@@ -35,13 +35,16 @@ NOTES = (
     "at 1 m/s in any direction.",
     "A mission that fails counts with all 1000 steps. Steps last until every sheep is home and the "
     "flock gathered; steps (GCM), which the paper counts, until the flock's centre is home; the "
-    "ratio is to the fewest that any shepherd could need, a straight way home for the sheep that "
-    "starts furthest out. The best known are missions that a planner found which knows everything, "
-    "in minutes of search: upper bounds of the fewest steps, of which none is proven.",
+    "ratio is to the fewest that any shepherd could need: the dog flies straight to where the "
+    "first sheep sees it, unless two sheep touch; then the sheep that starts furthest out moves "
+    "straight home. The best known are missions that a planner found which knows everything, in "
+    "minutes of search: upper bounds of the fewest steps, not proven to be the fewest.",
     "The paper does not print its start layouts. The 30 cases here are ours, with the three sheep "
     "at fixed places and the drone's start drawn; in the 1,000 random ones the sheep are drawn "
-    "too. So the verdicts tell whether its figures are within reach, not whether they are equal.",
-    "Intervals are of 95 %: bootstrap (BCa) for means, Wilson's for shares of success.",
+    "too. So a difference from the paper's figures may come from the starts.",
+    "Intervals are of 95 %: bootstrap (BCa) for means, Wilson's for shares of success. Missions of "
+    "several seeds are counted together as if they were independent, although they share their "
+    "starts: intervals of “all seeds” are somewhat too narrow.",
     "Of several seeds, the one that flies needs the fewest steps for 200 other cases drawn as the "
     "30 are and 200 drawn as the random ones: the 4 × 4 H-DDPG in all arenas of the transfer "
     "study, the others where the paper flies them. The study's own cases have no say in it.",
@@ -64,7 +67,7 @@ ROBUSTNESS = {
 def rows(results: dict[str, Any]) -> list[Row]:
     """The paper's eight scenarios, for a table."""
     return [
-        Row(name, row["ours"], row["paper"], row["verdict"])
+        Row(name, row["ours"], row["paper"], row["verdict"].replace(", ", ",\n"))
         for name, row in results["rows"].items()
     ]
 
@@ -74,7 +77,10 @@ def page(results: dict[str, Any], figures: dict[str, str], player: str, command:
     shown = {title: figures[file] for title, file in FIGURES.items()}
     sections = {
         "The eight scenarios": html_table(*_eight(results))
-        + f'<p class="quiet">{report.HOW_TO_READ} {escape(results["rule"])}</p>',
+        + f'<p class="quiet">{report.HOW_TO_READ}</p>',
+        "What the verdicts mean": "<ul>"
+        + "".join(f"<li>{escape(rule)}</li>" for rule in results["rules"])
+        + "</ul>",
         "What reproduces": "".join(
             f"<h3>{escape(claim['title'])}: {claim['verdict']}</h3>"
             f"<p><em>{escape(claim['says'])}</em></p><p>{escape(claim['found'])}</p>"
@@ -109,9 +115,12 @@ def document(results: dict[str, Any], command: str) -> str:
         "# What reproduces and what does not",
         "",
         f"Made by `{command}`, which writes a report with the figures too. The claims are those of "
-        "Nguyen et al. 2020 (arXiv 2004.11543), section “Evaluation in Simulation”. A comparison "
-        "is reproduced if the 95 % interval of the difference, case by case, lies wholly on the "
-        "claimed side of zero; not reproduced if wholly on the other; else undecided.",
+        "Nguyen et al. 2020 (arXiv 2004.11543), section “Evaluation in Simulation”. The "
+        "[glossary](glossary.md) explains the words.",
+        "",
+        "## What the verdicts mean",
+        "",
+        *(f"- {rule}" for rule in results["rules"]),
         "",
     ]
     for claim in results["claims"]:
@@ -131,7 +140,7 @@ def document(results: dict[str, Any], command: str) -> str:
     lines += [line for title, file in FIGURES.items() for line in (f"![{title}]({file}.png)", "")]
     for title, (head, body) in tables.items():
         lines += [f"## {title}", "", markdown_table(head, body)]
-    lines += ["## How to read this", "", report.HOW_TO_READ, "", results["rule"], ""]
+    lines += ["## How to read this", "", report.HOW_TO_READ, ""]
     for note in NOTES:
         lines += [note, ""]
     return "\n".join(lines)

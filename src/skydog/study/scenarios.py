@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from skydog.learning.train import Curve
+from skydog.learning.history import Curve
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.study import (
@@ -122,7 +122,7 @@ def fly_all(trained: Trained, fly: Fly, track: Track) -> tuple[Results, dict[str
         *claims.any_goal(robust["goals"]),
     ]
     results = {
-        "rule": verdict.RULE,
+        "rules": verdict.RULES,
         "rows": eight,
         "others": rows,
         "transfer": moved,

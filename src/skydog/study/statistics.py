@@ -1,12 +1,13 @@
-"""Numbers about numbers: mean, spread and interval."""
+"""Numbers about numbers: mean, spread, interval, and tests of a difference."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import stats
 
 RESAMPLES = 9_999  # of a bootstrap
+LEVEL = 0.05  # of a two-sided test
 
 
 def summary(values: Float[np.ndarray, " cases"]) -> dict[str, Any]:
@@ -38,3 +39,47 @@ def paired(
 ) -> dict[str, Any]:
     """The `summary` of the differences, ours less theirs, case by case."""
     return summary(ours - theirs)
+
+
+class Outcome(NamedTuple):
+    """What a two-sided test says of a difference: its sign if it is significant, else 0."""
+
+    sign: int
+    p: float
+
+
+def welch(ours: dict[str, Any], cases: int, theirs: dict[str, Any], their_cases: int) -> Outcome:
+    """Whether a mean is more than another one, from mean and SD of each: Welch's t-test."""
+    _, p = stats.ttest_ind_from_stats(
+        *(ours["mean"], ours["sd"], cases),
+        *(theirs["mean"], theirs["sd"], their_cases),
+        equal_var=False,
+    )
+    return _outcome(ours["mean"] - theirs["mean"], p)
+
+
+def fisher(successes: int, cases: int, their_successes: int, their_cases: int) -> Outcome:
+    """Whether a share of successes is more than another one: Fisher's exact test."""
+    table = [[successes, cases - successes], [their_successes, their_cases - their_successes]]
+    _, p = stats.fisher_exact(table)
+    return _outcome(successes / cases - their_successes / their_cases, p)
+
+
+def mcnemar(ours: Bool[np.ndarray, " cases"], theirs: Bool[np.ndarray, " cases"]) -> Outcome:
+    """Whether more of the same cases succeed: McNemar's exact test, of the cases that differ."""
+    gained, lost = int(np.sum(ours & ~theirs)), int(np.sum(theirs & ~ours))
+    if gained + lost == 0:
+        return Outcome(0, 1.0)
+    return _outcome(gained - lost, stats.binomtest(gained, gained + lost).pvalue)
+
+
+def student(values: Float[np.ndarray, " sample"], expected: float) -> Outcome:
+    """Whether the mean of a sample is more than a number: Student's t-test; not for one value."""
+    if len(values) < 2:
+        return Outcome(0, 1.0)
+    _, p = stats.ttest_1samp(values, expected)
+    return _outcome(float(np.mean(values)) - expected, p)
+
+
+def _outcome(difference: float | int, p: Any) -> Outcome:
+    return Outcome(int(np.sign(difference)) if p < LEVEL else 0, float(p))

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skydog import quantities
+from skydog import numerics, quantities
 from skydog.errors import Refusal
 from skydog.flight import altitude, base, profiles, rovers, setpoints, station
 from skydog.flight.base import Base, Decided
@@ -71,6 +71,7 @@ class Twin:
     # Told the step, and how many missions are over by then.
     progress: Callable[[int, int], None] | None = None
 
+    @numerics.ours()
     def __call__(
         self,
         world: World,

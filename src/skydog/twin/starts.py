@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from skydog import numerics
 from skydog.errors import Refusal
 from skydog.flight.limits import APART, PAD
 from skydog.flight.profiles import UAV, Rover
@@ -53,6 +54,7 @@ def check(starts: State, uav: UAV, rover: Rover, size: float) -> None:
             )
 
 
+@numerics.ours()
 def draw(
     world: World,
     count: int,

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from skydog import numerics
 from skydog.errors import Refusal
 from skydog.view import ground
 from skydog.world import herding, mission, params
@@ -111,6 +112,7 @@ class Session:
         return bool(self.flights) and (self.settings.paused or self.waits or over)
 
 
+@numerics.ours()
 def new(settings: Settings, worlds: Worlds = PRESETS) -> Session:
     """A session that has not begun. Raises `Refusal` as `presets.preset` does."""
     return Session(settings, _world(settings, worlds), worlds)
@@ -133,6 +135,7 @@ def with_preset(settings: Settings, preset: str, worlds: Worlds = PRESETS) -> Se
     )
 
 
+@numerics.ours()
 def update(session: Session, message: dict[str, Any]) -> Session:
     """The session after a message that `parse` let through.
 
@@ -183,6 +186,7 @@ def update(session: Session, message: dict[str, Any]) -> Session:
     return session
 
 
+@numerics.ours()
 def advance(session: Session, shepherds: dict[str, Shepherd], steps: int) -> Session:
     """The session so many steps later, and those asked for singly."""
     settings, world = session.settings, session.world
@@ -236,6 +240,7 @@ def fly(
     return flight, _overlay(world, flight.state)
 
 
+@numerics.ours()
 def view(session: Session) -> dict[str, Any]:
     """What a page is sent of its session after `advance`: plain data, rounded to the millimetre."""
     world = session.world

@@ -1,1 +1,1 @@
-"""The shepherding world: pure functions over typed trees, nothing but jax."""
+"""The shepherding world: pure functions over typed pytrees, in jax alone."""

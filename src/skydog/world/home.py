@@ -9,7 +9,7 @@ from skydog.world.vectors import norm, unit
 
 
 class StraightHome(eqx.Module):
-    """Straight to the goal; a sheep strays by its distance to the GCM, and is pushed to it.
+    """Straight to the goal. A sheep strays by its distance to the GCM, and is pushed towards it.
 
     Strömbom et al. 2014; paper, "Problem Formulation".
     """

@@ -47,7 +47,7 @@ class AnyDirection(eqx.Module):
     """The length of the velocity within `speed`: as fast in every direction (Strömbom 2014)."""
 
     def limit(self, velocity: Float[Array, "*batch 2"], speed: Scalar) -> Float[Array, "*batch 2"]:
-        """The velocity shortened to `speed`, its direction kept."""
+        """The velocity, shortened to a length of `speed`."""
         return vectors.limit(velocity, speed)
 
     def fastest(

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from skydog import quantities
+from skydog import numerics, quantities
 from skydog.errors import Refusal
 from skydog.world import herding, params
 from skydog.world.params import Dog, World
@@ -53,6 +53,7 @@ class Decision(eqx.Module):
     drives: Bool[Array, " dogs"]  # the behaviour: driving, else collecting
 
 
+@numerics.untraced
 def reset(world: World, key: PRNGKeyArray, sheep: int = 3, dogs: int = 1) -> State:
     """A random start: the flock opposite the goal, dogs anywhere in the arena.
 
@@ -175,6 +176,7 @@ def move(
     )
 
 
+@numerics.untraced
 def step(
     world: World,
     state: State,
@@ -190,6 +192,7 @@ def step(
     return move(world, state, limited(world.dog, velocity), force, for_dogs)
 
 
+@numerics.untraced
 def accomplished(world: World, state: State) -> Bool[Array, ""]:
     """Whether the mission is accomplished: by default, all home and gathered (Eq. 12)."""
     return world.end.accomplished(world, state)
@@ -231,6 +234,7 @@ def compiled_once(flown: Callable[..., Any]) -> Callable[..., Any]:
     return fly
 
 
+@numerics.untraced
 def rollout(
     world: World,
     shepherd: Shepherd,

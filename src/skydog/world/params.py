@@ -31,8 +31,8 @@ class Dog(eqx.Module):
     driving: Scalar  # driving point: this times √N behind the flock
     collecting: Scalar  # collecting point: this far behind the stray
     airspace: Scalar  # how far beyond the arena's walls a dog may fly
-    # How the stray to collect is chosen among the sheep outside f(N): by how far it strays, less
-    # this times its distance to the dog. 0: the furthest; 1: the one at hand.
+    # Which of the sheep outside f(N) a dog collects: the one with the greatest (distance that it
+    # strays - nearness * its distance to the dog). 0: the furthest; 1 prefers one near the dog.
     nearness: Scalar = 0.0
     stall: Scalar = 0.0  # the rule dog stands while a sheep is nearer than this; 0 is off
     actuation_noise: Scalar = 0.0  # SD of the error of each component of a flown velocity
@@ -84,10 +84,10 @@ class End(Protocol):
 
 
 class World(eqx.Module):
-    """Everything that a mission takes for granted: a pytree, fit for jit and vmap.
+    """Everything that is fixed during a mission: a pytree, for jit and vmap.
 
     Each part can be exchanged for one of your own with `dataclasses.replace`. The laws among them
-    may have parameters of their own; `check` sees to it that each has its methods.
+    may have parameters of their own; `check` tests that each has its methods.
     """
 
     flock: Any  # how sheep move: a `skydog.world.laws.Flock`
@@ -145,7 +145,7 @@ def noisy(world: World) -> bool:
 def traced(tree: Tree) -> Tree:
     """A world, or a shepherd, with its numbers as arrays.
 
-    As arrays they are arguments of what is compiled, which then serves every number.
+    Arrays are arguments of a compiled function, so that one compiled function serves all values.
     """
 
     def array(leaf: object) -> object:

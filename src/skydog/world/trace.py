@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from skydog import files
+from skydog import files, numerics
 from skydog.errors import Refusal
 from skydog.world import serialise
 from skydog.world.params import World
@@ -32,7 +32,7 @@ LONGEST = 2**31 - 1  # steps
 
 
 class Poses(eqx.Module):
-    """What a body with physics does besides being somewhere. Metres, radians, m/s, rad/s."""
+    """What is recorded of bodies with physics besides positions. Metres, radians, m/s, rad/s."""
 
     altitude: Float[Array, "*batch instants dogs"]
     attitude: Float[Array, "*batch instants dogs 3"]  # roll, pitch, yaw
@@ -87,6 +87,13 @@ def frames(trace: Trace) -> Trace:
     return replace(trace, **parts, poses=poses, recorded=None, centre=None)
 
 
+def beginning(trace: Trace, steps: int) -> Trace:
+    """The first `steps` steps of one mission, or all if it has fewer: `frames` of them."""
+    recorded = jnp.arange(len(trace.time)) if trace.recorded is None else trace.recorded
+    recorded = recorded[recorded <= steps]
+    return frames(replace(trace, recorded=recorded, sheep=trace.sheep[: len(recorded)]))
+
+
 def how_it_ended(trace: Trace) -> str:
     """How one mission ended: one of `ENDINGS`."""
     if trace.ending is not None:
@@ -131,6 +138,7 @@ _POSES = tuple(name for name in _SHAPES if name.startswith("poses."))
 _KINDS = {"drives": np.bool_, "accomplished": np.bool_, "recorded": np.int32}  # else float32
 
 
+@numerics.ours()
 def save(path: Path, trace: Trace, shepherd: str) -> None:
     """Write one mission, up to the instant at which it was accomplished, and who flew it.
 
@@ -168,6 +176,7 @@ def save(path: Path, trace: Trace, shepherd: str) -> None:
     files.save_arrays(path, arrays, card)
 
 
+@numerics.ours()
 def load(path: Path) -> tuple[Trace, str]:
     """Read one mission and who flew it. Raises `Refusal` for a file that is no trace."""
     arrays, card = files.load_arrays(path, KIND, LARGEST)
@@ -182,9 +191,9 @@ def load(path: Path) -> tuple[Trace, str]:
     if thinned:
         at = arrays["recorded"]
         if at[0] != 0 or at[-1] >= instants or np.any(np.diff(at.astype(np.int64)) <= 0):
-            raise Refusal(f"{path} is no whole trace: its sheep are recorded at no such instants")
+            raise Refusal(f"{path} is not a full trace: its sheep are recorded at no such instants")
     if not isinstance(card.get("world"), dict):
-        raise Refusal(f"{path} is no whole trace: its card names no world")
+        raise Refusal(f"{path} is not a full trace: its card names no world")
     known = {name: jnp.asarray(arrays[name]) for name in parts}
     poses = {name.removeprefix("poses."): known.pop(name) for name in _POSES if name in known}
     trace = Trace(
@@ -211,14 +220,14 @@ def _check(
     path: Path, name: str, found: np.ndarray | None, sizes: dict[str, int], shape: str
 ) -> None:
     if found is None or found.ndim != len(shape):
-        raise Refusal(f"{path} is no whole trace: {name} is missing or misshapen")
+        raise Refusal(f"{path} is not a full trace: {name} is missing or misshapen")
     for letter, size in zip(shape, found.shape, strict=True):
         if size != sizes.setdefault(letter, size) or size == 0:
-            raise Refusal(f"{path} is no whole trace: {name} has shape {found.shape}")
+            raise Refusal(f"{path} is not a full trace: {name} has shape {found.shape}")
     if found.dtype != _KINDS.get(name, np.float32):
-        raise Refusal(f"{path} is no whole trace: {name} holds {found.dtype}")
+        raise Refusal(f"{path} is not a full trace: {name} holds {found.dtype}")
     if found.dtype == np.float32 and not np.all(np.abs(found) <= serialise.LARGEST):
-        raise Refusal(f"{path} is no whole trace: {name} is out of bounds")
+        raise Refusal(f"{path} is not a full trace: {name} is out of bounds")
 
 
 def _ending(path: Path, card: dict[str, Any], instants: int) -> Ending | None:
@@ -227,5 +236,5 @@ def _ending(path: Path, card: dict[str, Any], instants: int) -> Ending | None:
         return None
     how, steps = card["ending"], card.get("steps")
     if how not in ENDINGS or type(steps) is not int or not instants - 1 <= steps <= LONGEST:
-        raise Refusal(f"{path} is no whole trace: it ended {how!r:.60} of {steps!r:.60} steps")
+        raise Refusal(f"{path} is not a full trace: it ended {how!r:.60} of {steps!r:.60} steps")
     return Ending(how=jnp.asarray(ENDINGS.index(how)), steps=jnp.asarray(steps))

@@ -255,7 +255,7 @@ _TABLE = (
         (Cause("robots", "stuck", {"ugv1"}),),
         inf,
         (ON,),
-        heard="is told to drive and stands",
+        heard="is commanded to drive and does not move",
     ),
     Fault(
         "rover-latches",

@@ -1,4 +1,4 @@
-"""The paper's sheep, its Eq. 6 taken as printed: sums that nothing normalises."""
+"""The paper's sheep, with its Eq. 6 as printed: the sums are not normalised."""
 
 from jaxtyping import Array, Float, PRNGKeyArray
 

@@ -13,7 +13,7 @@ from skydog.world.vectors import column, unit
 class PaperFlock(Weighted):
     """Nguyen et al. 2020, Eqs 1 to 6, the terms and their sum normalised as in Strömbom 2014.
 
-    A sheep moves at its full speed or stands.
+    A sheep moves at its full speed or stands still.
     """
 
     def force(self, state: State, key: PRNGKeyArray | None) -> Float[Array, "sheep 2"]:

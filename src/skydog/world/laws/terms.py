@@ -54,7 +54,7 @@ def avoid(sheep: Float[Array, "sheep 2"], avoidance: PerSheep) -> Float[Array, "
     """The push away from every sheep that is too near (paper, Eqs 3 and 4).
 
     `avoidance` is R_ππ in metres. Returns the sum of unit vectors pointing away from each
-    sheep within it. Two sheep at one point do not push each other: no direction is theirs.
+    sheep within it. Two sheep at one point do not push each other, since no direction is defined.
     """
     return pushes(sheep, avoidance)
 
