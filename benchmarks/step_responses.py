@@ -7,7 +7,6 @@ from typing import Annotated
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import numpy as np
 import tyro
 from jaxtyping import Float
@@ -21,6 +20,7 @@ from skydog.study.report import markdown_table
 from skydog.twin import Twin, plant
 from skydog.twin.missions import Flight
 from skydog.view import figures
+from skydog.view.style import drawing
 from skydog.world.presets import preset
 from skydog.world.state import start
 
@@ -142,7 +142,7 @@ def table(flights: dict[str, list[Flown]]) -> str:
 
 def figure(flights: dict[str, list[Flown]]) -> Figure:
     """The three steps side by side, a line for a drone."""
-    with matplotlib.rc_context(figures.STYLE):
+    with drawing():
         drawn = Figure(figsize=(9.0, 2.9), layout="constrained")
         panels = drawn.subplots(1, len(STEPS))
         for number, (axes, step) in enumerate(zip(panels, STEPS, strict=True)):
@@ -179,7 +179,7 @@ def main(out: Annotated[Path | None, arg(metavar="FILE.png")] = None) -> None:
     }
     print(table(flights))
     if out is not None:
-        with matplotlib.rc_context(figures.STYLE):
+        with drawing():
             figure(flights).savefig(out, dpi=150)
 
 

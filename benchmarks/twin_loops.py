@@ -8,13 +8,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 
 from skydog.view.colours import ROLES
-from skydog.view.figures import STYLE
+from skydog.view.style import drawing
 
 WIDTH, HEIGHT = 17.2, 6.7
 DOG, SHEEP, BOTH = ROLES["dog"], ROLES["sheep"], "#444444"
@@ -63,7 +62,7 @@ ESTIMATE = Box(5.2, BACK, "estimate of position, velocity, yaw", BOTH, wide=5.6,
 
 
 def draw() -> Figure:
-    with matplotlib.rc_context(STYLE):
+    with drawing():
         figure = Figure(figsize=(9.6, 9.6 * HEIGHT / WIDTH), layout="constrained")
         axes = figure.subplots()
         axes.set(xlim=(-0.1, WIDTH), ylim=(-0.05, HEIGHT), aspect="equal")
@@ -147,5 +146,5 @@ def _line(
 
 
 if __name__ == "__main__":
-    with matplotlib.rc_context(STYLE):
+    with drawing():
         draw().savefig(Path(sys.argv[1]), dpi=150)

@@ -1,5 +1,7 @@
 """Settings of jax that other programs want do not reach us."""
 
+from typing import Any
+
 import gymnasium
 import jax
 import jax.numpy as jnp
@@ -128,7 +130,7 @@ def test_the_style_of_others_changes_no_figure():
         return figures._rendered(figure, "svg")
 
     expected = drawn()
-    odd = {"text.usetex": True, "lines.linewidth": 9, "svg.fonttype": "none", "font.size": 40}
+    odd: Any = {"text.usetex": True, "lines.linewidth": 9, "svg.fonttype": "none", "font.size": 40}
     with matplotlib.rc_context(odd):
         assert drawn() == expected
         assert matplotlib.rcParams["font.size"] == 40

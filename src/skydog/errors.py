@@ -1,6 +1,11 @@
 """The one exception that a user is meant to read, and how text of others is shown."""
 
+import reprlib
+from typing import Any
+
 LONGEST = 600  # characters of a line
+_REPR = reprlib.Repr()
+_REPR.maxother = _REPR.maxstring = 57
 
 
 class Refusal(ValueError):
@@ -24,3 +29,12 @@ def one_line(text: str) -> str:
         letter if letter.isprintable() else letter.encode("unicode_escape").decode()
         for letter in text
     )
+
+
+def short(value: Any) -> str:
+    """What a message shows of a bad value: one line of 60 characters at most, and no failure."""
+    try:
+        text = " ".join(_REPR.repr(value).split())
+    except Exception:  # an integer of more than 4300 digits, or an object that cannot say
+        text = f"a {type(value).__name__} that cannot be printed"
+    return text if len(text) <= 60 else text[:57] + "..."

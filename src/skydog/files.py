@@ -213,16 +213,20 @@ def load_arrays(
     return arrays, card
 
 
-def read_card(path: Path, kind: str) -> dict[str, Any]:
-    """The card of what `save_arrays` wrote, without the arrays. Raises `Refusal`."""
+def read_some(path: Path, kind: str, *names: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """The card of what `save_arrays` wrote, and arrays by name; the others are not read.
+
+    Raises `Refusal` for what is damaged, foreign, or of another kind.
+    """
     try:
         with safe_open(path, framework="numpy") as file:
             card = json.loads(file.metadata()[CARD], parse_constant=_no_constant)
+            arrays = {name: file.get_tensor(name) for name in names}
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RecursionError):
         raise Refusal(f"{path} is damaged or not a {kind} of skydog; make it again") from None
     if not isinstance(card, dict) or card.get("kind") != kind:
         raise Refusal(f"{path} is not a {kind} of skydog, its card says {_kind(card)!r}")
-    return card
+    return arrays, card
 
 
 def plain(value: Any) -> Any:

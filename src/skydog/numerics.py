@@ -5,6 +5,7 @@ another generator or debugs its own code would change ours too. What runs under 
 it. The pure functions of the world follow their caller, who may be tracing them.
 """
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import wraps
@@ -88,3 +89,13 @@ def single(tree: Tree) -> Tree:
         return leaf
 
     return jax.tree.map(narrow, tree)
+
+
+def fits(size: int, what: str) -> None:
+    """Raise `Refusal` for what takes more bytes than this machine has: it would be killed."""
+    has = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if size > has:
+        raise Refusal(
+            f"{what} takes {size / 2**30:,.0f} GiB, this machine has {has / 2**30:,.0f}; "
+            "try fewer --cases, --sheep or --steps, or a larger --every"
+        )

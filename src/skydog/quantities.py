@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from operator import index
 from typing import Any
 
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Quantity:
         number = _number(value, self.whole)
         least = number is not None and (number > self.least if self.above else number >= self.least)
         if number is None or not least or not number <= self.most:
-            raise Refusal(f"{self.says}, got {_short(value)}; try {self.fix}")
+            raise Refusal(f"{self.says}, got {_shown(value)}; try {self.fix}")
         return number
 
 
@@ -97,10 +97,7 @@ def _number(value: Any, whole: bool) -> int | float | None:
     return number if math.isfinite(number) else None
 
 
-def _short(value: Any) -> str:
-    try:
-        reads = isinstance(value, str) and _number(value, False) is not None
-        text = value if reads else repr(value)
-    except ValueError:  # which Python raises for an integer of more than 4300 digits
-        text = "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."
+def _shown(value: Any) -> str:
+    """A number that was read from text without its quotation marks."""
+    reads = isinstance(value, str) and _number(value, False) is not None
+    return value if reads and len(value) <= 60 else short(value)

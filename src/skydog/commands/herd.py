@@ -19,7 +19,10 @@ from skydog.learning.options import Reward
 
 if TYPE_CHECKING:
     from skydog.learning.curriculum import Curriculum
+    from skydog.learning.workers import Job
     from skydog.world.mission import Fly
+    from skydog.world.params import World
+    from skydog.world.state import State
 
 SHOWN_CASE = 15  # the paper shows the trajectories of its 15th case
 SHOWN_STEPS = 250  # of an untaught dog, which may never end
@@ -111,34 +114,50 @@ def run(
     parameters that cannot be.
     """
     from skydog import files
+    from skydog.commands import training
+    from skydog.study.cases import cases
+    from skydog.world import presets
+
+    world = curriculum.world()
+    if curriculum.as_paper:
+        world = presets.furthest_first(world)
+    starts = cases(world, count, "paper", sheep=curriculum.sheep)
+    todo = training.jobs(curriculum, out, seed, resume)
+    training.check(todo)
+    with files.claimed(out):
+        return _run(out, curriculum, world, starts, todo, command, fly)
+
+
+def _run(
+    out: Path,
+    curriculum: "Curriculum",
+    world: "World",
+    starts: "State",
+    todo: "list[Job]",
+    command: str,
+    fly: "Fly",
+) -> dict[str, Any] | None:
+    from skydog import files
     from skydog.commands import console, training
     from skydog.shepherds import store
     from skydog.shepherds.strombom import Strombom
     from skydog.study import evaluate, progress, report
-    from skydog.study.cases import cases
     from skydog.view import figures, replay
-    from skydog.world import presets
     from skydog.world import trace as traces
     from skydog.world.mission import MAX_STEPS
 
-    world, as_paper = curriculum.world(), curriculum.as_paper
-    if as_paper:
-        world = presets.furthest_first(world)
-    starts = cases(world, count, "paper", sheep=curriculum.sheep)
-    # A finished run is replaced, as by any other make; one that was interrupted is work to lose.
-    if not resume and not (out / "results.json").exists():
-        training.refuse_to_overwrite([out])
-    out = files.folder(out)
+    count, as_paper = len(starts.dogs), curriculum.as_paper
     console.say(f"Training collect and drive from random weights, {curriculum.steps:,} steps each:")
-    if not training.train_all(training.jobs(curriculum, out, seed, resume)):
+    seed = todo[0].seed
+    if not training.train_all(todo):
         return training.stopped(command)
     sheepdog, histories = training.fuse(curriculum, out, seed)
 
     console.say(f"Flying {count} cases with each shepherd ...")
     shepherds = (sheepdog, Strombom(), Strombom(at_point="arrive"))
     flown = {
-        evaluate.scenario(shepherd, world): fly(world, shepherd, starts, MAX_STEPS, None)
-        for shepherd in shepherds
+        evaluate.scenario(each, world, curriculum.dog): fly(world, each, starts, MAX_STEPS, None)
+        for each in shepherds
     }
     console.say_over(next(iter(flown.values())))
     results = {name: evaluate.row(trace) for name, trace in flown.items()}

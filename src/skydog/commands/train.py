@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from skydog.learning.curriculum import Curriculum
-    from skydog.learning.workers import Message
+    from skydog.learning.workers import Job, Message
     from skydog.world.mission import Fly
 
 CASES = 30  # missions that test a sheepdog
@@ -132,18 +132,22 @@ def run(
     curriculum.world()  # what cannot be is refused before anything is written
     seeds = range(seed, seed + count)
     folders = {seed: out / f"seed-{seed}" if count > 1 else out for seed in seeds}
-    if not resume:
-        training.refuse_to_overwrite(folders.values())
+    todo = [
+        job
+        for seed, folder in folders.items()
+        for job in training.jobs(curriculum, folder, seed, resume)
+    ]
+    training.check(todo)
     write = console.tensorboard(out / "tensorboard") if tensorboard else None
     with files.claimed(out):
-        return _train(out, curriculum, folders, resume, write, command, fly)
+        return _train(out, curriculum, folders, todo, write, command, fly)
 
 
 def _train(
     out: Path,
     curriculum: "Curriculum",
     folders: dict[int, Path],
-    resume: bool,
+    todo: "list[Job]",
     write: "Callable[[Message], None] | None",
     command: str,
     fly: "Fly",
@@ -159,11 +163,6 @@ def _train(
     if curriculum.as_paper:
         world = presets.furthest_first(world)
     console.say(f"Training {count} x 2 skills, {curriculum.steps:,} steps each:")
-    todo = [
-        job
-        for seed, folder in folders.items()
-        for job in training.jobs(curriculum, folder, seed, resume)
-    ]
     if not training.train_all(todo, write):
         return training.stopped(command)
     results = {}

@@ -35,8 +35,6 @@ def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | No
     """Train every job in its folder; tell whether all were finished. `write` gets every message."""
     for job in todo:
         files.folder(job.folder)
-        if job.resume and files.exists(checkpoint_in(job.folder)):
-            _refuse_another(job)
     with console.TrainingBars(todo) as bars:
 
         def update(message: workers.Message) -> None:
@@ -47,18 +45,33 @@ def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | No
         return workers.run(todo, update)
 
 
-def _refuse_another(job: Job) -> None:
-    """Raise `Refusal`, in the words of the command line, for a training of other options."""
-    theirs = files.read_card(checkpoint_in(job.folder), KIND)
-    seed = theirs.get("seed")
-    if isinstance(seed, int):
-        theirs["seed"] = workers.typed(seed)
-    for name, ours in {**job.card, "seed": job.seed}.items():
-        if theirs.get(name) != ours:
-            option = f"--{name.replace('_', '-')}"
+def check(todo: Iterable[Job]) -> None:
+    """Raise `Refusal`, in the words of the command line, for a job whose folder is of another.
+
+    A folder that holds a training already, finished or not, is only resumed, and only by one
+    of the same options that goes at least as far.
+    """
+    for job in todo:
+        out, path = job.folder.parent, checkpoint_in(job.folder)
+        if not files.exists(path):
+            continue
+        if not job.resume:
+            raise Refusal(f"{out} holds a training; add --resume, or choose another --out")
+        arrays, theirs = files.read_some(path, KIND, "step")
+        if isinstance(theirs.get("seed"), int):
+            theirs["seed"] = workers.typed(theirs["seed"])
+        for name, ours in {**job.card, "seed": job.seed}.items():
+            if theirs.get(name) != ours:
+                option = f"--{name.replace('_', '-')}"
+                raise Refusal(
+                    f"{out} was trained with {option} {_typed(theirs.get(name))}, not "
+                    f"{_typed(ours)}; resume with the same options, or choose another --out"
+                )
+        done = int(arrays["step"])
+        if done > job.curriculum.steps:
             raise Refusal(
-                f"{job.folder.parent} was trained with {option} {_typed(theirs.get(name))}, not "
-                f"{_typed(ours)}; resume with the same options, or choose another --out"
+                f"{out} was trained for {done:,} steps already, more than the "
+                f"{job.curriculum.steps:,} asked for; ask for as many, or choose another --out"
             )
 
 
@@ -129,10 +142,3 @@ def stopped(command: str, resumes: bool = False) -> None:
     """Say that nothing is lost; `resumes` if the command continues by itself."""
     again = command if resumes or "--resume" in command else f"{command} --resume"
     console.say(f"Stopped. What was learnt is kept; continue with: {again}")
-
-
-def refuse_to_overwrite(folders: Iterable[Path]) -> None:
-    """Raise `Refusal` for a folder that holds a training already."""
-    for folder in folders:
-        if any(files.exists(checkpoint_in(folder / skill)) for skill in SKILLS):
-            raise Refusal(f"{folder} holds a training; add --resume, or choose another --out")

@@ -1,6 +1,5 @@
 """What an environment is given, checked before anything moves: options, actions and seeds."""
 
-import reprlib
 from collections.abc import Collection
 from operator import index
 from typing import Any
@@ -8,10 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import InvalidAction
 
-from skydog.errors import Refusal
-
-_REPR = reprlib.Repr()
-_REPR.maxother = _REPR.maxstring = 57
+from skydog.errors import Refusal, short
 
 
 def count(value: Any, what: str, most: int) -> int:
@@ -107,15 +103,6 @@ def numbers(value: Any) -> np.ndarray | None:
         return None
     with np.errstate(over="ignore"):
         return given.astype(np.float32)
-
-
-def short(value: Any) -> str:
-    """What a message shows of a value: one line of 60 characters at most."""
-    try:
-        text = " ".join(_REPR.repr(value).split())
-    except ValueError:  # which Python raises for an integer of more than 4300 digits
-        text = f"an {type(value).__name__} that is too long to print"
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _whole(value: Any) -> int | None:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from skydog.envs import inputs
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 from skydog.learning import lessons
 from skydog.learning.lessons import Lesson, Outcome
 from skydog.learning.options import Reward
@@ -208,12 +208,12 @@ def _with_numbers(world: Any) -> World:
     """The world of somebody's own, if its numbers are numbers. Raises `Refusal`."""
     if not isinstance(world, World):
         raise Refusal(
-            f"world is one that skydog.preset makes, or a change of it, got {inputs.short(world)}"
+            f"world is one that skydog.preset makes, or a change of it, got {short(world)}"
         )
     for part, kind in serialise.PARTS.items():
         body = getattr(world, part)
         if not isinstance(body, kind):
-            raise Refusal(f"world.{part} is an {kind.__name__}, got {inputs.short(body)}")
+            raise Refusal(f"world.{part} is an {kind.__name__}, got {short(body)}")
         for name, value in vars(body).items():
             given = inputs.numbers(value)
             if f"{part}.{name}" in serialise.LAWS:
@@ -223,7 +223,7 @@ def _with_numbers(world: Any) -> World:
             if given is None or not inside or (given.ndim and kind is not params.Sheep):
                 above = "above 0" if least else "from 0 on"
                 raise Refusal(
-                    f"world.{part}.{name} is a number {above}, got {inputs.short(value)}; "
+                    f"world.{part}.{name} is a number {above}, got {short(value)}; "
                     "try skydog.preset"
                 )
     return world
@@ -247,7 +247,7 @@ def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
     for name, value in inputs.options(options).items():
         if name not in bounds:
             choices = ", ".join(bounds) or "none: a lesson draws its start"
-            raise Refusal(f"reset has no option {inputs.short(name)}; choose from {choices}")
+            raise Refusal(f"reset has no option {short(name)}; choose from {choices}")
         where[name] = inputs.places(value, name, *bounds[name])
     return where
 

@@ -14,7 +14,7 @@ from skydog import numerics
 from skydog.envs import inputs, tasks
 from skydog.envs.single import render_fps, spaces_of
 from skydog.envs.tasks import ObservationKind
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 from skydog.world.neighbours import ALL_PAIRS
 
 MOST = 1 << 20  # worlds
@@ -157,7 +157,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         rest = inputs.options(options)
         mask = rest.pop("reset_mask", np.ones(self.num_envs, bool))
         if rest:
-            odd = inputs.short(next(iter(rest)))
+            odd = short(next(iter(rest)))
             raise Refusal(f"reset has no option {odd}; choose from reset_mask")
         return inputs.mask(mask, self.num_envs)
 

@@ -8,8 +8,8 @@ import jax
 import numpy as np
 from gymnasium.error import DependencyNotInstalled, UnsupportedMode
 
-from skydog.envs import inputs
 from skydog.envs.tasks import EnvState, Task
+from skydog.errors import short
 
 PIXELS = 480  # the side of a picture
 TRAIL = 200  # instants that a trail shows, so that a frame of a long episode costs no more
@@ -22,7 +22,7 @@ class Renderer:
         """Raises `UnsupportedMode` for a mode that there is not, or a window without a display."""
         modes = metadata["render_modes"]
         if mode is not None and not (isinstance(mode, str) and mode in modes):
-            given = inputs.short(mode)
+            given = short(mode)
             raise UnsupportedMode(f"no render_mode is called {given}; choose from {modes}, None")
         self._task, self._mode, self._rate = task, mode, metadata["render_fps"]
         self._window = _Window(PIXELS) if mode == "human" else None

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from skydog import numerics, quantities
 from skydog.errors import Refusal
+from skydog.numerics import fits
 from skydog.study.options import ShippedStarts, Starts
 from skydog.world import herding, mission, params
 from skydog.world.params import World
@@ -42,7 +43,9 @@ def cases(
     """
     check(starts, sheep, dogs)
     key = jax.random.key(quantities.SEED.checked(seed))
-    keys = jax.random.split(key, quantities.CASES.checked(count))
+    count = quantities.CASES.checked(count)
+    fits(24 * count * (sheep + dogs), f"{count:,} starts of {sheep:,} sheep")
+    keys = jax.random.split(key, count)
     return _drawn(params.traced(world), keys, starts, index(sheep), index(dogs))
 
 

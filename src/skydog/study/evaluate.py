@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
 from skydog import numerics, quantities
 from skydog.errors import Refusal
-from skydog.numerics import single
+from skydog.numerics import fits, single
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics, statistics
@@ -59,6 +59,9 @@ def fly(
     keys = None if key is None else jax.random.split(key, len(starts.sheep))
     steps = mission.count(steps)
     every = steps + 1 if every is None else every
+    count, sheep, _ = starts.sheep.shape
+    a_mission = (steps + 1) * (40 * starts.dogs.shape[1] + 24) + (steps // every + 2) * 8 * sheep
+    fits(count * a_mission, f"the trace of {count:,} missions of {steps:,} steps")
     trace = _fly(params.traced(world), params.traced(shepherd), single(starts), steps, keys, every)
     _refuse_lost(trace)
     return trace

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 from skydog.world.laws import Flock
 from skydog.world.limits import AnyDirection, Limits
 from skydog.world.spread import Spread
@@ -115,13 +115,13 @@ def check(world: World) -> World:
         missing = [method for method in methods if not callable(getattr(law, method, None))]
         if missing:
             raise Refusal(
-                f"the world's {name}, {law!r:.60}, has no method {missing[0]!r}; "
+                f"the world's {name}, {short(law)}, has no method {missing[0]!r}; "
                 f"see {protocol.__module__}.{protocol.__name__}"
             )
         odd = [leaf for leaf in jax.tree.leaves(law) if not eqx.is_array_like(leaf)]
         if odd and odd[0] is not law:
             raise Refusal(
-                f"the world's {name} ({type(law).__name__}) holds {odd[0]!r:.60}, which is no "
+                f"the world's {name} ({type(law).__name__}) holds {short(odd[0])}, which is no "
                 "number and no array; mark its field with equinox.field(static=True)"
             )
         if jax.tree_util.all_leaves([law]):

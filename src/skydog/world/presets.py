@@ -3,11 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 
 from skydog import quantities
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 from skydog.world.end import AllHome
 from skydog.world.home import StraightHome
 from skydog.world.laws.literal import LiteralFlock
@@ -188,13 +189,16 @@ def make(
     if goal_radius is not None:
         radius = quantities.GOAL_RADIUS.checked(goal_radius)
         world = replace(world, arena=replace(world.arena, goal_radius=radius))
-    radius = world.arena.goal_radius
-    if not radius < world.arena.size < math.inf:
+    radius, size = world.arena.goal_radius, world.arena.size
+    if not radius < size:
         raise Refusal(
-            f"arena must be longer than {radius:g} m (the goal disc), got {world.arena.size}; "
+            f"arena must be longer than {radius:g} m (the goal disc), got {size}; "
             f"try --arena {2 * radius:g}"
         )
-    return world if goal is None else _with_goal(world, goal)
+    quantities.ARENA.checked(size)
+    own = world.arena.goal_x, world.arena.goal_y
+    placed = _with_goal(world, own if goal is None else goal)
+    return world if goal is None else placed
 
 
 def with_nearness(world: World, nearness: float) -> World:
@@ -221,14 +225,14 @@ def has_own_goal(world: World, name: str, sheep: int) -> bool:
     return (here.goal_x, here.goal_y, here.goal_radius) == (own.goal_x, own.goal_y, own.goal_radius)
 
 
-def _with_goal(world: World, goal: Point) -> World:
+def _with_goal(world: World, goal: Any) -> World:
     size = float(world.arena.size)
     try:
         x, y = (float(at) for at in goal)
-    except (TypeError, ValueError):
-        raise Refusal(f"a goal is x and y in metres, got {goal!r:.60}; try (4, 4)") from None
+    except (TypeError, ValueError, OverflowError):
+        raise Refusal(f"a goal is x and y in metres, got {short(goal)}; try (4, 4)") from None
     # A side that was rounded to float32 may be a little longer.
-    if not all(0.0 <= at <= size * (1 + 1e-6) for at in (x, y)):
+    if isinstance(goal, str) or not all(0.0 <= at <= size * (1 + 1e-6) for at in (x, y)):
         raise Refusal(
             f"the goal lies in the arena, from 0 to {size:g} m on each axis, got {x:g},{y:g}; "
             f"try --goal {size:g},{size:g}"
