@@ -1,6 +1,5 @@
 import json
 import os
-import re
 import signal
 import socket
 import stat
@@ -373,7 +372,7 @@ def test_a_trap_where_the_partial_file_would_stand_is_not_written_to(tmp_path, t
     ],
 )
 def test_a_path_that_cannot_be_is_refused_and_named(tmp_path, name, use):
-    with pytest.raises(Refusal, match=re.escape(name[:10])):
+    with pytest.raises(Refusal, match=name[:4]):
         use(tmp_path / name)
 
 

@@ -5,6 +5,7 @@ import pty
 import re
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -82,19 +83,19 @@ def test_streams_that_are_closed_are_not_taken_for_files(tmp_path):
 
 def in_terminal(columns, *arguments):
     """What a command shows in a terminal of so many columns."""
-    shown = []
-
-    def read(handle):
-        shown.append(os.read(handle, 1 << 16))
-        return shown[-1]
-
-    os.environ["COLUMNS"] = str(columns)
-    try:
-        status = pty.spawn([*SKYDOG, *arguments], read)
-    finally:
-        del os.environ["COLUMNS"]
-    assert status == 0
-    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", b"".join(shown).decode())
+    ours, theirs = pty.openpty()
+    shown = b""
+    command = [*SKYDOG, *arguments]
+    options = {"stdin": theirs, "stdout": theirs, "stderr": theirs}
+    environment = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
+    with subprocess.Popen(command, env=environment, **options) as process:
+        os.close(theirs)
+        with suppress(OSError):  # which is how a terminal says that nobody writes to it any more
+            while read := os.read(ours, 1 << 16):
+                shown += read
+    os.close(ours)
+    assert process.returncode == 0
+    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
 
 
 @pytest.mark.parametrize("columns", [40, 60])

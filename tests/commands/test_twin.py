@@ -77,11 +77,11 @@ def test_twin_writes_a_film(skydog, tmp_path, monkeypatch):
         (("--profile", "boeing"), "no uav profile is called 'boeing'"),
         (("--rovers", "tank"), "no rover profile is called 'tank'"),
         (("--disturb", "storm"), "no disturbances are called 'storm'"),
-        (("--speed", "0"), "larger than 0 and at most 1, got 0"),
-        (("--speed", "nan"), "larger than 0 and at most 1, got nan"),
-        (("--wait", "-1"), "a length in metres, got -1"),
-        (("--cases", "0"), "there are 1 to 100,000 cases, got 0"),
-        (("--steps", "0"), "there are 1 to 100,000 steps, got 0"),
+        (("--speed", "0"), "more than 0 and at most 1, got 0"),
+        (("--speed", "nan"), "more than 0 and at most 1, got 'nan'"),
+        (("--wait", "-1"), "the distance to wait for is more than 0 and at most 1,000 m, got -1"),
+        (("--cases", "0"), "a test has 1 to 1,000,000 cases, got 0"),
+        (("--steps", "0"), "a flight has 1 to 100,000 steps, got 0"),
         (("--video", "film.gif"), "a film is written as MP4, got film.gif"),
         (("--threads", "-1"), "got -1"),
         (("--arena", "8", "--sheep", "40"), "do not find room to start"),
@@ -157,6 +157,7 @@ def test_of_several_seeds_taught_the_fastest_in_the_twin_ships(tmp_path, monkeyp
         return True
 
     monkeypatch.setattr(training, "train_all", train_all)
+    monkeypatch.setattr(training, "check", lambda todo: None)
     monkeypatch.setattr(training, "fuse", lambda kind, folder, seed: (dogs[seed], {}))
     flown = {"success": 1.0}
     monkeypatch.setattr(

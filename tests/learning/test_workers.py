@@ -114,7 +114,7 @@ def test_a_thread_trains_too_and_leaves_the_signals_alone(tmp_path):
 
 
 def test_a_job_that_is_refused_is_refused_here_too(tmp_path):
-    with pytest.raises(Refusal, match="arena must be longer"):
+    with pytest.raises(Refusal, match="the arena's side"):
         workers.run([a_job(tmp_path, arena=-1.0)], lambda _: None)
 
 

@@ -64,6 +64,12 @@ async def _run(listens: AbstractAsyncContextManager[str], started: Future[Any]) 
         if started.done():
             raise
         started.set_exception(error)
+    # Whoever was just being let in: the task ends, and in the loop's next turn the socket closes.
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for other in others:
+        other.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
+    await asyncio.sleep(TICK)
 
 
 @asynccontextmanager
