@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from safetensors.numpy import save
 
-from skydog import files
+from skydog import arrays, files
+from skydog.arrays import load_arrays, save_arrays
 from skydog.errors import Refusal
 
 ARRAYS = {
@@ -31,13 +32,13 @@ CARD = {"kind": "thing", "name": "ovis", "list": [1, 2.5, None], "deep": {"a": T
 @pytest.fixture
 def saved(tmp_path):
     path = tmp_path / "a thing.safetensors"
-    files.save_arrays(path, ARRAYS, CARD)
+    save_arrays(path, ARRAYS, CARD)
     return path
 
 
 def refusal(path, **options) -> str:
     with pytest.raises(Refusal) as caught:
-        files.load_arrays(path, "thing", **options)
+        load_arrays(path, "thing", **options)
     message = str(caught.value)
     assert str(path) in message
     assert "\n" not in message
@@ -45,7 +46,7 @@ def refusal(path, **options) -> str:
 
 
 def test_arrays_and_card_come_back_as_they_were_written(saved):
-    arrays, card = files.load_arrays(saved, "thing")
+    arrays, card = load_arrays(saved, "thing")
     assert card == CARD
     assert arrays.keys() == ARRAYS.keys()
     for name, array in ARRAYS.items():
@@ -69,16 +70,16 @@ kept = st.sampled_from([np.float32, np.float64, np.int32, np.uint8, np.bool_])
 )
 def test_an_array_of_any_shape_comes_back_in_that_shape(tmp_path_factory, array):
     path = tmp_path_factory.getbasetemp() / "any"
-    files.save_arrays(path, {"x": array}, CARD)
-    back = files.load_arrays(path, "thing")[0]["x"]
+    save_arrays(path, {"x": array}, CARD)
+    back = load_arrays(path, "thing")[0]["x"]
     assert (back.shape, back.dtype) == (array.shape, array.dtype)
     assert np.array_equal(back, array)
 
 
 def test_arrays_in_another_memory_order_come_back_with_the_same_elements(tmp_path):
     array = np.arange(12.0).reshape(3, 4)
-    files.save_arrays(tmp_path / "x", {"turned": array.T, "sliced": array[:, ::2]}, CARD)
-    arrays, _ = files.load_arrays(tmp_path / "x", "thing")
+    save_arrays(tmp_path / "x", {"turned": array.T, "sliced": array[:, ::2]}, CARD)
+    arrays, _ = load_arrays(tmp_path / "x", "thing")
     assert np.array_equal(arrays["turned"], array.T)
     assert np.array_equal(arrays["sliced"], array[:, ::2])
 
@@ -103,12 +104,12 @@ def test_a_file_with_one_wrong_byte_is_read_or_refused_and_nothing_else(
     tmp_path_factory, place, change
 ):
     path = tmp_path_factory.getbasetemp() / "flipped"
-    files.save_arrays(path, ARRAYS, CARD)
+    save_arrays(path, ARRAYS, CARD)
     content = bytearray(path.read_bytes())
     content[place % len(content)] ^= change
     path.write_bytes(content)
     try:
-        arrays, _ = files.load_arrays(path, "thing")
+        arrays, _ = load_arrays(path, "thing")
     except Refusal:
         return
     for array in arrays.values():
@@ -126,14 +127,14 @@ def test_a_header_of_absurd_length_is_refused(saved, length):
     [
         None,
         {"format": "pt"},
-        {files.CARD: "not json"},
-        {files.CARD: "[1]"},
-        {files.CARD: "7"},
-        {files.CARD: '"thing"'},
-        {files.CARD: "[" * 100_000},
-        {files.CARD: '{"kind": ["thing"]}'},
-        {files.CARD: '{"kind": "thing", "speed": NaN}'},
-        {files.CARD: '{"kind": "thing", "speed": Infinity}'},
+        {arrays.CARD: "not json"},
+        {arrays.CARD: "[1]"},
+        {arrays.CARD: "7"},
+        {arrays.CARD: '"thing"'},
+        {arrays.CARD: "[" * 100_000},
+        {arrays.CARD: '{"kind": ["thing"]}'},
+        {arrays.CARD: '{"kind": "thing", "speed": NaN}'},
+        {arrays.CARD: '{"kind": "thing", "speed": Infinity}'},
     ],
 )
 def test_a_foreign_file_or_one_with_a_senseless_card_is_refused(tmp_path, metadata):
@@ -151,14 +152,14 @@ def test_a_header_that_is_no_table_is_refused(tmp_path, header):
 
 def test_another_kind_is_refused_by_its_name(tmp_path):
     path = tmp_path / "x"
-    files.save_arrays(path, ARRAYS, {"kind": "trace"})
+    save_arrays(path, ARRAYS, {"kind": "trace"})
     assert "trace" in refusal(path)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_number_that_is_not_finite_is_refused_by_the_name_of_its_array(tmp_path, bad):
     path = tmp_path / "x"
-    files.save_arrays(path, {"fine": np.zeros(2), "rotten": np.array([1.0, bad])}, CARD)
+    save_arrays(path, {"fine": np.zeros(2), "rotten": np.array([1.0, bad])}, CARD)
     assert "rotten" in refusal(path)
 
 
@@ -200,7 +201,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_partial_one(saved, monkey
 
     monkeypatch.setattr(os, call, disk_full)
     with pytest.raises(Refusal, match="No space left on device"):
-        files.save_arrays(saved, ARRAYS, {**CARD, "name": "other"})
+        save_arrays(saved, ARRAYS, {**CARD, "name": "other"})
     monkeypatch.undo()
     assert saved.read_bytes() == before
     assert no_partial_files(saved.parent)
@@ -214,7 +215,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_no_partial_one(saved, monk
 
     monkeypatch.setattr(os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        files.save_arrays(saved, {}, CARD)
+        save_arrays(saved, {}, CARD)
     assert saved.read_bytes() == before
     assert no_partial_files(saved.parent)
 
@@ -222,7 +223,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_no_partial_one(saved, monk
 def test_a_card_that_is_no_json_leaves_the_old_file(saved):
     before = saved.read_bytes()
     with pytest.raises(ValueError, match="JSON"):
-        files.save_arrays(saved, ARRAYS, {"kind": "thing", "speed": float("nan")})
+        save_arrays(saved, ARRAYS, {"kind": "thing", "speed": float("nan")})
     assert saved.read_bytes() == before
 
 
@@ -318,7 +319,7 @@ def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path, monkeypatch):
 WRITES = """
 import os, signal, sys
 from pathlib import Path
-from skydog import files
+from skydog import arrays, files
 os.fsync = lambda handle: os.kill(os.getpid(), signal.SIGKILL)
 files.write_bytes(Path(sys.argv[1]), b"half")
 """
@@ -368,7 +369,7 @@ def test_a_trap_where_the_partial_file_would_stand_is_not_written_to(tmp_path, t
         lambda path: files.write_bytes(path, b"x"),
         files.may_write,
         files.folder,
-        lambda path: files.load_arrays(path, "thing"),
+        lambda path: load_arrays(path, "thing"),
     ],
 )
 def test_a_path_that_cannot_be_is_refused_and_named(tmp_path, name, use):

@@ -1,12 +1,7 @@
-"""Files that are never half written, and are read with bounds and never executed.
-
-Arrays travel as safetensors with one JSON card in its header: a format without code in it,
-that other tools read.
-"""
+"""Files that are never half written, and are read with bounds."""
 
 import errno
 import fcntl
-import json
 import math
 import os
 import stat
@@ -17,13 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import load, save
-
 from skydog.errors import Refusal
 
-CARD = "skydog"  # the header's key for the card
 LARGEST_FILE = 1 << 30  # bytes; a checkpoint of eight full memories fits
 
 
@@ -182,53 +172,6 @@ def read_toml(path: Path, kind: str, largest: int) -> dict[str, Any]:
         raise Refusal(f"{path} is not valid TOML: {problem!s:.120}") from None
 
 
-def save_arrays(path: Path, arrays: dict[str, np.ndarray], card: dict[str, Any]) -> None:
-    """Write named arrays and their card as one safetensors file."""
-    packed = {name: np.asarray(array, order="C") for name, array in arrays.items()}
-    write_bytes(path, save(packed, metadata={CARD: json.dumps(card, allow_nan=False)}))
-
-
-def load_arrays(
-    path: Path, kind: str, largest: int = LARGEST_FILE
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read what `save_arrays` wrote, if its card says that it is a `kind`.
-
-    Raises `Refusal` for a file that is missing, damaged, larger than `largest` bytes,
-    foreign, of another kind, or that holds a number which is not finite.
-    """
-    content = read_bytes(path, kind, largest)
-    try:
-        header = int.from_bytes(content[:8], "little")
-        card = json.loads(
-            json.loads(content[8 : 8 + header])["__metadata__"][CARD], parse_constant=_no_constant
-        )
-        arrays = load(content)
-    except (SafetensorError, ValueError, KeyError, TypeError, RecursionError):
-        raise Refusal(f"{path} is damaged or no {kind} of skydog; make it again") from None
-    if not isinstance(card, dict) or card.get("kind") != kind:
-        raise Refusal(f"{path} is no {kind} of skydog, its card says {_kind(card)!r}")
-    for name, array in arrays.items():
-        if array.dtype.kind == "f" and not np.all(np.isfinite(array)):
-            raise Refusal(f"{path} is damaged: {name} holds a number that is not finite")
-    return arrays, card
-
-
-def read_some(path: Path, kind: str, *names: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """The card of what `save_arrays` wrote, and arrays by name; the others are not read.
-
-    Raises `Refusal` for what is damaged, foreign, or of another kind.
-    """
-    try:
-        with safe_open(path, framework="numpy") as file:
-            card = json.loads(file.metadata()[CARD], parse_constant=_no_constant)
-            arrays = {name: file.get_tensor(name) for name in names}
-    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RecursionError):
-        raise Refusal(f"{path} is damaged or not a {kind} of skydog; make it again") from None
-    if not isinstance(card, dict) or card.get("kind") != kind:
-        raise Refusal(f"{path} is not a {kind} of skydog, its card says {_kind(card)!r}")
-    return arrays, card
-
-
 def plain(value: Any) -> Any:
     """Nested values as JSON returns them: lists for tuples, text for keys.
 
@@ -241,14 +184,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def _no_constant(name: str) -> None:
-    raise ValueError(f"{name} is no JSON")
-
-
-def _kind(card: Any) -> Any:
-    return card.get("kind") if isinstance(card, dict) else card
 
 
 def _replaceable(target: Path, named: Path) -> os.stat_result | None:

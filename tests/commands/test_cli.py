@@ -8,6 +8,7 @@ import jax
 import pytest
 
 from skydog import files
+from skydog.arrays import load_arrays, save_arrays
 from skydog.commands import training
 from skydog.learning import train
 from skydog.shepherds import store
@@ -136,8 +137,8 @@ def test_a_damaged_sheepdog_is_refused(refused, a_sheepdog):
 
 
 def test_a_sheepdog_that_observes_other_numbers_is_refused(refused, a_sheepdog):
-    arrays, card = files.load_arrays(a_sheepdog, "sheepdog")
-    files.save_arrays(a_sheepdog, arrays, {**card, "observes": ["a", "b", "c", "d", "e", "f"]})
+    arrays, card = load_arrays(a_sheepdog, "sheepdog")
+    save_arrays(a_sheepdog, arrays, {**card, "observes": ["a", "b", "c", "d", "e", "f"]})
     message = refused("test", str(a_sheepdog.parent))
     assert "observes 6 numbers, this mission has 4" in message
     assert "train it again" in message
@@ -321,3 +322,17 @@ def test_the_table_of_a_world_that_is_not_the_papers_has_no_column_for_it(skydog
     assert "the paper's own" in skydog("test", "strombom", "--cases", "2")[1]
     other = ["--preset", "paper-literal", "--cases", "2"]
     assert "paper's own" not in skydog("test", "strombom", *other)[1]
+
+
+@pytest.mark.parametrize(
+    "command", ["test nobody", "replay no.safetensors", "test strombom --preset no"]
+)
+def test_a_name_that_there_is_not_is_refused_before_jax_is_imported(command):
+    code = (
+        "import sys; from skydog import cli; sys.argv = ['skydog', *sys.argv[1:]]\n"
+        "try: cli.main()\n"
+        "except SystemExit as left: print(left.code, 'jax' in sys.modules)\n"
+    )
+    called = [sys.executable, "-c", code, *command.split()]
+    done = subprocess.run(called, capture_output=True, text=True)
+    assert done.stdout == "2 False\n"

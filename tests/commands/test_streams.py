@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from skydog import files
+from skydog.arrays import load_arrays
 from skydog.commands import console, streams
 
 SKYDOG = [sys.executable, "-m", "skydog.cli"]
@@ -78,7 +78,7 @@ def test_streams_that_are_closed_are_not_taken_for_files(tmp_path):
     command = " ".join([*SKYDOG, "test strombom --cases 1 --out", str(tmp_path), "<&- >&- 2>&-"])
     assert subprocess.run(["sh", "-c", command], check=False, timeout=HANGS).returncode == 0
     for path in tmp_path.glob("traces/*"):
-        files.load_arrays(path, "trace")
+        load_arrays(path, "trace")
 
 
 def in_terminal(columns, *arguments):
@@ -86,9 +86,10 @@ def in_terminal(columns, *arguments):
     ours, theirs = pty.openpty()
     shown = b""
     command = [*SKYDOG, *arguments]
-    options = {"stdin": theirs, "stdout": theirs, "stderr": theirs}
     environment = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
-    with subprocess.Popen(command, env=environment, **options) as process:
+    with subprocess.Popen(
+        command, env=environment, stdin=theirs, stdout=theirs, stderr=theirs
+    ) as process:
         os.close(theirs)
         with suppress(OSError):  # which is how a terminal says that nobody writes to it any more
             while read := os.read(ours, 1 << 16):

@@ -11,6 +11,7 @@ import pytest
 from toys import Count
 
 from skydog import files
+from skydog.arrays import load_arrays, save_arrays
 from skydog.errors import Refusal
 from skydog.learning import ddpg, dqn, history, train
 from skydog.learning.lessons import Lesson
@@ -182,9 +183,9 @@ def kept(arrays):
 
 def damaged(folder, change):
     path = train.checkpoint_in(folder)
-    arrays, card = files.load_arrays(path, train.KIND)
+    arrays, card = load_arrays(path, train.KIND)
     change(arrays)
-    files.save_arrays(path, arrays, card)
+    save_arrays(path, arrays, card)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from skydog import files
+from skydog.arrays import load_arrays, save_arrays
 from skydog.errors import Refusal
 from skydog.learning import ddpg, train
 from skydog.learning.lessons import Lesson
@@ -77,8 +77,8 @@ def test_a_sheepdog_of_four_actions_comes_back_as_one(tmp_path):
 
 
 def test_a_policy_of_an_unknown_kind_is_refused(saved):
-    arrays, card = files.load_arrays(saved, "sheepdog")
-    files.save_arrays(saved, arrays, card | {"policy": "oracle"})
+    arrays, card = load_arrays(saved, "sheepdog")
+    save_arrays(saved, arrays, card | {"policy": "oracle"})
     assert "oracle" in refusal(saved)
 
 
@@ -168,8 +168,8 @@ def test_random_bytes_are_refused(tmp_path, seed):
 
 def forge(path, arrays=None, **card):
     """Write what `path` holds again, with other arrays and another card."""
-    found, was = files.load_arrays(path, store.KIND)
-    files.save_arrays(path, {**found, **(arrays or {})}, {**was, **card})
+    found, was = load_arrays(path, store.KIND)
+    save_arrays(path, {**found, **(arrays or {})}, {**was, **card})
 
 
 @pytest.mark.parametrize("what", ["observes", "commands"])
@@ -250,16 +250,16 @@ def test_layers_that_are_no_skill_are_refused(saved, arrays):
 
 @pytest.mark.parametrize("missing", ["collect.0.weight", "collect.2.bias", "drive.1.weight"])
 def test_a_missing_layer_is_refused(saved, missing):
-    arrays, card = files.load_arrays(saved, store.KIND)
+    arrays, card = load_arrays(saved, store.KIND)
     arrays.pop(missing)
-    files.save_arrays(saved, arrays, card)
+    save_arrays(saved, arrays, card)
     assert "damaged" in refusal(saved)
 
 
 def test_a_sheepdog_without_a_skill_is_refused(saved):
-    arrays, card = files.load_arrays(saved, store.KIND)
+    arrays, card = load_arrays(saved, store.KIND)
     kept = {name: array for name, array in arrays.items() if not name.startswith("drive")}
-    files.save_arrays(saved, kept, card)
+    save_arrays(saved, kept, card)
     assert "drive" in refusal(saved)
 
 

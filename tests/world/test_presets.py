@@ -7,6 +7,7 @@ from skydog.world import herding
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
 from skydog.world.limits import PerAxis
+from skydog.world.options import PRESET_NAMES
 from skydog.world.params import World
 from skydog.world.presets import PRESETS, furthest_first, preset, with_nearness
 from skydog.world.serialise import flatten
@@ -110,3 +111,7 @@ def test_the_papers_presets_take_the_stray_at_hand_and_the_others_the_furthest()
 def test_a_nearness_that_cannot_be_is_refused(nearness):
     with pytest.raises(Refusal, match="--nearness 1"):
         with_nearness(preset("paper"), nearness)
+
+
+def test_the_names_that_a_command_checks_are_those_of_the_presets():
+    assert tuple(PRESETS) == PRESET_NAMES

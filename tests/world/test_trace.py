@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from skydog import files
+from skydog.arrays import load_arrays, save_arrays
 from skydog.errors import Refusal
 from skydog.shepherds.strombom import Strombom
 from skydog.study import cases, evaluate, metrics
@@ -92,9 +92,9 @@ def test_a_mission_commanded_by_no_number_can_be_kept_and_read_again(tmp_path, u
 
 
 def changed(path, change):
-    arrays, card = files.load_arrays(path, traces.KIND)
+    arrays, card = load_arrays(path, traces.KIND)
     change(arrays, card)
-    files.save_arrays(path, arrays, card)
+    save_arrays(path, arrays, card)
     with pytest.raises(Refusal) as refusal:
         traces.load(path)
     assert "\n" not in str(refusal.value)
@@ -165,7 +165,7 @@ def test_a_world_with_a_missing_parameter_is_refused_by_its_name(saved):
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):
-    files.save_arrays(tmp_path / "x", {}, {"kind": "sheepdog"})
+    save_arrays(tmp_path / "x", {}, {"kind": "sheepdog"})
     with pytest.raises(Refusal, match="no trace"):
         traces.load(tmp_path / "x")
 

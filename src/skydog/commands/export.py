@@ -1,10 +1,10 @@
 """`skydog export`: write a sheepdog as one file that flies without skydog."""
 
 from pathlib import Path
-from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from skydog.commands import flags
 from skydog.commands.flags import (
     Goal,
     GoalRadius,
@@ -18,7 +18,7 @@ from skydog.errors import Refusal
 
 
 def export(
-    sheepdog: Positional[Annotated[str, arg(metavar="SHEEPDOG")]],
+    sheepdog: Positional[flags.Sheepdog],
     onnx: bool = False,
     out: MaybeFile = None,
     preset: Preset = "paper",

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from skydog import quantities
-from skydog.errors import Refusal
+from skydog import files, quantities
+from skydog.errors import Refusal, short
 from skydog.quantities import Quantity
+from skydog.shepherds import finding
+from skydog.world.options import PRESET_NAMES
 
 if TYPE_CHECKING:
     from skydog.world.params import World
@@ -29,6 +31,23 @@ def number(quantity: Quantity, metavar: str) -> PrimitiveConstructorSpec[Any]:
 def _path(word: str) -> Path:
     if not word:
         raise Refusal("a path is empty; name a file or a folder, or leave the option out")
+    return Path(word)
+
+
+def _preset(word: str) -> str:
+    if word not in PRESET_NAMES:
+        raise Refusal(f"no preset is called {short(word)}; choose from {', '.join(PRESET_NAMES)}")
+    return word
+
+
+def _shepherd(word: str) -> str:
+    finding.check(word)
+    return word
+
+
+def _there(word: str) -> Path:
+    if not files.exists(_path(word)):
+        raise Refusal(f"cannot read {word}: there is no such file; check the path")
     return Path(word)
 
 
@@ -53,8 +72,11 @@ MaybeOut = Annotated[Path | None, _one_word(_path, "FOLDER")]
 File = Annotated[Path, _one_word(_path, "FILE"), arg(aliases=["-o"])]
 MaybeFile = Annotated[Path | None, _one_word(_path, "FILE"), arg(aliases=["-o"])]
 MaybeFilm = Annotated[Path | None, _one_word(_path, "FILE.mp4")]
-Preset = Annotated[str, arg(metavar="NAME")]
-MaybePreset = Annotated[str | None, arg(metavar="NAME")]
+Preset = Annotated[str, _one_word(_preset, "NAME")]
+MaybePreset = Annotated[str | None, _one_word(_preset, "NAME")]
+Shepherd = Annotated[str, _one_word(_shepherd, "SHEEPDOG|strombom")]
+Sheepdog = Annotated[str, _one_word(_shepherd, "SHEEPDOG")]
+Trace = Annotated[Path, _one_word(_there, "TRACE")]
 Arena = Annotated[float, number(quantities.ARENA, "METRES")]
 MaybeArena = Annotated[float | None, number(quantities.ARENA, "METRES")]
 OwnWorld = Annotated[str | None, arg(metavar="FILE.py:NAME")]

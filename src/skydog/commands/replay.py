@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from skydog import files
+from skydog.commands import flags
 from skydog.commands.flags import File
 from skydog.errors import Refusal
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def replay(
-    traces: Positional[Annotated[tuple[Path, ...], arg(metavar="TRACE")]],
+    traces: Positional[Annotated[tuple[flags.Trace, ...], arg(metavar="TRACE")]],
     out: File = Path("replay.html"),
 ) -> int:
     """Show missions again: an animated page for the browser, a GIF or an MP4.

@@ -2,10 +2,11 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional
 
+from skydog.commands import flags
 from skydog.commands.flags import (
     Cases,
     Dogs,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 
 def test(
-    shepherd: Positional[Annotated[str, arg(metavar="SHEEPDOG|strombom")]],
+    shepherd: Positional[flags.Shepherd],
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,

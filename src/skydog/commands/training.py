@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from skydog import files
+from skydog.arrays import load_some
 from skydog.commands import console
 from skydog.errors import Refusal
 from skydog.learning import workers
@@ -57,7 +58,7 @@ def check(todo: Iterable[Job]) -> None:
             continue
         if not job.resume:
             raise Refusal(f"{out} holds a training; add --resume, or choose another --out")
-        arrays, theirs = files.read_some(path, KIND, "step")
+        arrays, theirs = load_some(path, KIND, "step")
         if isinstance(theirs.get("seed"), int):
             theirs["seed"] = workers.typed(theirs["seed"])
         for name, ours in {**job.card, "seed": job.seed}.items():

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
+from skydog.commands import flags
 from skydog.commands.flags import (
     Cases,
     Dogs,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def twin(
-    shepherd: Positional[Annotated[str, arg(metavar="SHEEPDOG|strombom")]],
+    shepherd: Positional[flags.Shepherd],
     preset: MaybePreset = None,
     world: OwnWorld = None,
     arena: MaybeArena = None,

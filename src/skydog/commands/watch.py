@@ -1,9 +1,8 @@
 """`skydog watch`: the live view in the browser."""
 
-from typing import Annotated
+from tyro.conf import Positional
 
-from tyro.conf import Positional, arg
-
+from skydog.commands import flags
 from skydog.commands.flags import (
     Dogs,
     Goal,
@@ -20,7 +19,7 @@ from skydog.commands.flags import (
 
 
 def watch(
-    shepherd: Positional[Annotated[str, arg(metavar="SHEEPDOG|strombom")]] = "h-ddpg-4x4",
+    shepherd: Positional[flags.Shepherd] = "h-ddpg-4x4",
     preset: Preset = "paper",
     world: OwnWorld = None,
     arena: MaybeArena = None,

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from skydog import files, numerics
+from skydog.arrays import load_arrays, save_arrays
 from skydog.errors import Refusal
 from skydog.learning import history as histories
 from skydog.learning import replay
@@ -219,7 +220,7 @@ def load(folder: Path, like: Training, card: dict[str, Any]) -> tuple[Training, 
     Raises `Refusal` if it is missing or damaged, or if its card contradicts `card`.
     """
     path = checkpoint_in(folder)
-    arrays, found = files.load_arrays(path, KIND)
+    arrays, found = load_arrays(path, KIND)
     for name, wanted in card.items():
         if found.get(name) != wanted:
             raise Refusal(
@@ -280,5 +281,5 @@ def _save(folder: Path, training: Training, history: History, card: dict[str, An
     arrays = {name: np.asarray(leaf) for name, leaf in _named(training).items()}
     _refuse_diverged(int(training.step), *arrays.values())
     arrays |= {f"history.{name}": values for name, values in _named(history).items()}
-    files.save_arrays(checkpoint_in(folder), arrays, {"kind": KIND, **card})
+    save_arrays(checkpoint_in(folder), arrays, {"kind": KIND, **card})
     files.write_text(folder / "curve.csv", history.csv())

@@ -11,15 +11,18 @@ import numpy as np
 from jaxtyping import Array
 
 from skydog import files, numerics
+from skydog.arrays import load_arrays, save_arrays
 from skydog.errors import Refusal
+from skydog.shepherds.finding import FILE as FILE
+from skydog.shepherds.finding import ZOO as ZOO
+from skydog.shepherds.finding import find as find
+from skydog.shepherds.finding import ships as ships
 from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 
 KIND = "sheepdog"
 POLICIES = {"actor": Actor, "chooser": GreedyQ}  # what a card calls the kinds of skills
-FILE = "sheepdog.safetensors"
-ZOO = Path(__file__).parent / "zoo"
 LARGEST = 1 << 26  # bytes
 LONGEST_NAME = 60  # characters
 DEEPEST, WIDEST = 16, 4096  # layers, nodes a layer
@@ -46,7 +49,7 @@ def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
         for depth, linear in enumerate(getattr(sheepdog, skill).layers.linears)
         for part in ("weight", "bias")
     }
-    files.save_arrays(path, arrays, card)
+    save_arrays(path, arrays, card)
     files.write_text(path.with_suffix(".md"), readable(card))
 
 
@@ -66,7 +69,7 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
     observes or commands something else than this version of skydog gives.
     """
     path = find(Path(path))
-    arrays, card = files.load_arrays(path, KIND, LARGEST)
+    arrays, card = load_arrays(path, KIND, LARGEST)
     for what, ours in (("observes", OBSERVES), ("commands", COMMANDS)):
         theirs = card.get(what)
         if theirs != list(ours):
@@ -107,30 +110,6 @@ def called(path: str | Path, card: dict[str, Any]) -> str | None:
         file = find(Path(path))
         name = file.absolute().parent.name if file.name == FILE else file.stem
     return re.sub(r"[^A-Za-z0-9_+.-]", "-", name[:LONGEST_NAME]).strip(".-") or "sheepdog"
-
-
-def ships() -> list[str]:
-    """The names of the sheepdogs in the zoo, which come with the package."""
-    return sorted(path.stem for path in ZOO.glob("*.safetensors"))
-
-
-def find(path: Path) -> Path:
-    """The file of a sheepdog that is named by its name in the zoo, its file or its run folder."""
-    if not files.exists(path) and path.parent == Path() and not path.suffix:
-        if path.name.lower() in ships():
-            return ZOO / f"{path.name.lower()}.safetensors"
-        raise Refusal(
-            f"no sheepdog is called {path}, and no file or folder; those that ship are "
-            + ", ".join(ships())
-        )
-    if not files.is_folder(path):
-        return path
-    if files.exists(path / FILE):
-        return path / FILE
-    runs = sorted(run.parent.name for run in files.listed(path, f"*/{FILE}"))
-    if runs:
-        raise Refusal(f"{path} holds {len(runs)} sheepdogs; name one, such as {path / runs[0]}")
-    raise Refusal(f"{path} holds no {FILE}; name a run folder of skydog herd or skydog train")
 
 
 def readable(card: dict[str, Any]) -> str:

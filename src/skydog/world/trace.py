@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from skydog import files, numerics
+from skydog.arrays import load_arrays, save_arrays
 from skydog.errors import Refusal
 from skydog.world import serialise
 from skydog.world.params import World
@@ -173,13 +174,13 @@ def save(path: Path, trace: Trace, shepherd: str) -> None:
     if trace.ending is not None:
         card["ending"] = ENDINGS[int(trace.ending.how)]
         card["steps"] = int(trace.ending.steps)
-    files.save_arrays(path, arrays, card)
+    save_arrays(path, arrays, card)
 
 
 @numerics.ours()
 def load(path: Path) -> tuple[Trace, str]:
     """Read one mission and who flew it. Raises `Refusal` for a file that is no trace."""
-    arrays, card = files.load_arrays(path, KIND, LARGEST)
+    arrays, card = load_arrays(path, KIND, LARGEST)
     parts: list[str] = [*_REQUIRED]
     for optional in (_THINNED, _POSES):
         parts += optional if any(name in arrays for name in optional) else ()

@@ -1,0 +1,11 @@
+"""The options of a world, spelled once. Free to import."""
+
+PRESET_NAMES = (
+    "paper",
+    "paper-w05",
+    "paper-literal",
+    "paper-physical",
+    "strombom2014",
+    "strombom2014-sqrt",
+)
+"""The names of `skydog.world.presets.PRESETS`."""
