@@ -1,6 +1,16 @@
+import os
+from pathlib import Path
+
 import jaxtyping
 import pytest
 from hypothesis import settings
+
+# More than half of the time goes to compiling: what one process has compiled serves the others, and
+# the next run. Told before jax is imported.
+COMPILED = Path(__file__).parents[1] / ".pytest_cache" / "compiled"
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(COMPILED))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 # No deadline: the first example of each shape waits for a compilation.
 settings.register_profile("skydog", deadline=None, derandomize=True, max_examples=40)
