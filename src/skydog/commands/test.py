@@ -1,5 +1,6 @@
 """`skydog test`: fly a shepherd through cases, and print how good it is."""
 
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -141,14 +142,15 @@ def run(
     from skydog.study import evaluate, report
     from skydog.world import trace as traces
 
-    if out is not None and files.exists(files.folder(out) / report.RESULTS):
+    if out is not None and files.exists(out / report.RESULTS):
         raise Refusal(f"{out} holds results already; choose another --out")
-    flown = fly(world, shepherd, starts, steps, key)
-    console.say_over(flown)
-    results = {name: evaluate.row(flown)}
-    if out is not None:
-        report.write(out, results)
-        for case in range(len(starts.sheep)):
-            path = out / "traces" / f"{name}-{case + 1}.safetensors"
-            traces.save(path, evaluate.one_case(flown, case), name)
+    with nullcontext() if out is None else files.claimed(out):
+        flown = fly(world, shepherd, starts, steps, key)
+        console.say_over(flown)
+        results = {name: evaluate.row(flown)}
+        if out is not None:
+            report.write(out, results)
+            for case in range(len(starts.sheep)):
+                path = out / "traces" / f"{name}-{case + 1}.safetensors"
+                traces.save(path, evaluate.one_case(flown, case), name)
     return results

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 from skydog.world.end import AllHome
 from skydog.world.home import StraightHome
 from skydog.world.laws.literal import LiteralFlock
@@ -25,6 +25,7 @@ LARGEST = 1e9  # of a world's parameters in a file: far from where float32 overf
 MOST_SHEEP = 1_000_000  # numbers of a parameter that each sheep has its own of
 MOST_KEPT = 100_000  # numbers of a parameter that a file keeps
 LONGEST_NAME = 200  # characters of the name of a law of one's own
+POSITIVE = ("arena.size", "arena.dt")
 OWN = "own: "  # how the name of a law begins that is none of ours
 
 PARTS: dict[str, Any] = {"sheep": Sheep, "dog": Dog, "arena": Arena}
@@ -195,9 +196,9 @@ def _value(name: str, value: Any, kind: Any) -> Any:
     elif name == "flock.neighbours":
         if value is None or (type(value) is int and 1 <= value <= MOST_SHEEP):
             return value
-    elif _number(value):
+    elif isinstance(value, int | float) and _number(value) and (name not in POSITIVE or value > 0):
         return value
-    raise Refusal(f"{value!r:.60} is no value for the world parameter {name}")
+    raise Refusal(f"{short(value)} is no value for the world parameter {name}")
 
 
 def _number(value: Any) -> bool:
