@@ -297,6 +297,20 @@ def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, mode):
     assert stat.S_IMODE(path.stat().st_mode) == mode
 
 
+def test_new_content_is_not_trusted_as_the_old_was(tmp_path):
+    path = tmp_path / "program"
+    path.write_bytes(b"before")
+    path.chmod(0o4755)
+    files.write_bytes(path, b"after")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o755
+
+
+@pytest.mark.parametrize("length", [249, 250, 255])
+def test_a_name_as_long_as_names_may_be_is_written(tmp_path, length):
+    files.write_bytes(tmp_path / ("n" * length), b"x")
+    assert [len(entry.name) for entry in tmp_path.iterdir()] == [length]
+
+
 def test_a_new_file_has_the_mode_that_the_user_asks_for(tmp_path):
     before = os.umask(0o027)
     try:

@@ -96,6 +96,22 @@ def test_what_others_have_set_changes_no_figure(use):
         np.testing.assert_array_equal(np.asarray(ours), np.asarray(theirs))
 
 
+def test_a_key_of_plain_numbers_is_one_of_the_generator_that_was_set():
+    with jax.default_prng_impl("rbg"):
+        key = jax.random.PRNGKey(0)
+        found = skydog.reset(skydog.preset("paper"), key).sheep
+    assert key.shape == (4,)
+    assert np.all(np.isfinite(found))
+
+
+def test_the_caller_traces_the_pure_functions_under_strict_settings():
+    world = skydog.preset("paper")
+    starts = jax.vmap(lambda key: skydog.reset(world, key))(jax.random.split(KEY, 2))
+    with jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict"):
+        flown = jax.vmap(lambda start: skydog.rollout(world, skydog.Strombom(), start, 5))(starts)
+    assert flown.sheep.shape == (2, 6, 3, 2)
+
+
 def test_every_setting_that_is_ours_is_tried():
     assert set(OTHERS) == set(numerics.SETTINGS)
 

@@ -1,16 +1,37 @@
 """The numbers that a user may give."""
 
 import math
+from dataclasses import fields
 
+import jax
 import numpy as np
 import pytest
 
+import skydog
 from skydog import quantities
 from skydog.errors import Refusal, one_line
+from skydog.learning.curriculum import Curriculum
 from skydog.quantities import Quantity
 
+pytestmark = pytest.mark.usefixtures("unchecked")  # bad types are what is tried here
+
 ALL = {name: each for name, each in vars(quantities).items() if isinstance(each, Quantity)}
-NO_NUMBERS = ["", "4m", "four", "1e", None, [], {}, object(), True, "nan", math.nan, 1j, b"4"]
+NO_NUMBERS = [
+    "",
+    "4m",
+    "four",
+    "1e",
+    None,
+    [],
+    {},
+    object(),
+    True,
+    "nan",
+    math.nan,
+    1j,
+    b"4",
+    np.True_,
+]
 TOO_LARGE = [10**400, -(10**400), "9" * 30, "9" * 6000, math.inf, "-inf", 1e39]
 
 
@@ -25,23 +46,40 @@ def test_what_is_no_number_within_its_bounds_is_refused_with_the_remedy(name, va
 @pytest.mark.parametrize("name", ALL)
 def test_bounds_are_within_and_what_lies_beyond_is_not(name):
     quantity = ALL[name]
-    step = 1 if quantity.whole else 1e-3
-    lowest = quantity.least + step if quantity.above else quantity.least
-    for value in (lowest, quantity.most, str(quantity.most), np.asarray(quantity.most)[()]):
+    step = 1 if quantity.whole else 1e-4
+    for value in (quantity.least, quantity.most, str(quantity.most), np.asarray(quantity.most)[()]):
         found = quantity.checked(value)
         assert found == float(value)
         assert isinstance(found, int if quantity.whole else float)
     for value in (quantity.least - step, quantity.most + step):
         with pytest.raises(Refusal):
             quantity.checked(value)
-    if quantity.above:
-        with pytest.raises(Refusal):
-            quantity.checked(quantity.least)
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_the_remedy_of_a_quantity_is_one_of_its_values(name):
     ALL[name].checked(ALL[name].fix.split()[-1])
+
+
+BAD_COUNTS = [-1, 0, 2**31, 10**400, "four", None, math.nan, 4.0, [4], b"4", True, np.int8(-3)]
+
+
+@pytest.mark.parametrize("bad", BAD_COUNTS, ids=lambda value: repr(value)[:20])
+@pytest.mark.parametrize("what", ["sheep", "dogs"])
+def test_a_start_of_no_such_number_is_refused(what, bad):
+    with pytest.raises(Refusal):
+        skydog.reset(skydog.preset("paper"), jax.random.key(0), **{what: bad})
+
+
+@pytest.mark.parametrize(
+    "bad", [math.nan, True, "4m", [4], 10**400, object()], ids=lambda value: type(value).__name__
+)
+@pytest.mark.parametrize("what", [each.name for each in fields(Curriculum)])
+def test_a_curriculum_of_no_such_value_is_refused(what, bad):
+    if (what, bad) == ("one_scale", True):
+        return
+    with pytest.raises(Refusal):
+        Curriculum(**{what: bad}).world()
 
 
 def test_a_message_is_one_line_that_steers_no_terminal():

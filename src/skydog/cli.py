@@ -5,6 +5,7 @@ import errno
 import os
 import platform
 import sys
+import traceback
 import zlib
 from contextlib import suppress
 from pathlib import Path
@@ -53,6 +54,13 @@ def _run(arguments: list[str]) -> int:
     except Exception as problem:
         if isinstance(problem, OSError) and problem.filename is None and problem.errno in UNWRITTEN:
             return streams.failed(problem)
+        platform = os.environ.get("JAX_PLATFORMS")
+        if platform and any(
+            "xla_bridge" in at.filename for at in traceback.extract_tb(problem.__traceback__)
+        ):
+            said = f"jax cannot compute on JAX_PLATFORMS={platform}"
+            print(f"skydog: {said}; unset it, or try JAX_PLATFORMS=cpu", file=sys.stderr)
+            return REFUSED
         if not isinstance(problem, MemoryError) and "RESOURCE_EXHAUSTED" not in str(problem):
             raise
         print(
@@ -92,8 +100,8 @@ def _own_settings() -> None:
 
     Workers inherit them. What a user may want of a command stays: the platform, caches, logs.
     """
-    stays = ("PLATFORM", "CACHE", "LOG", "TRACEBACK", "DUMP", "VISIBLE_DEVICES", "CPU_DEVICES")
-    for name in [name for name in os.environ if name.startswith("JAX_")]:
+    stays = ("PLATFORM", "CACHE", "LOG_COMPILES", "DUMP", "VISIBLE_DEVICES")
+    for name in [name for name in os.environ if name.startswith(("JAX_", "EQX_"))]:
         if not any(part in name for part in stays):
             del os.environ[name]
     os.environ["MPLBACKEND"] = "agg"

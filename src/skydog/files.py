@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import hashlib
 import math
 import os
 import stat
@@ -14,6 +15,7 @@ from typing import Any
 
 from skydog.errors import Refusal
 
+LONGEST_NAME = 249  # bytes to which a dot and an ending can be added
 LARGEST_FILE = 1 << 30  # bytes; a checkpoint of eight full memories fits
 
 
@@ -59,8 +61,8 @@ def write_bytes(path: Path, content: bytes) -> None:
     """
     target = Path(path)
     try:
+        before = _replaceable(target)
         target = Path(os.path.realpath(target))
-        before = _replaceable(target, Path(path))
         folder(target.parent)
         partial, handle = _partial(target)
         try:
@@ -71,7 +73,7 @@ def write_bytes(path: Path, content: bytes) -> None:
                 if before is not None:
                     with suppress(PermissionError):  # only root gives files away
                         os.fchown(handle, before.st_uid, before.st_gid)
-                    os.fchmod(handle, stat.S_IMODE(before.st_mode))
+                    os.fchmod(handle, before.st_mode & 0o777)  # nobody is trusted anew
                 os.fsync(handle)
                 os.replace(partial, target)
         except BaseException:
@@ -91,9 +93,8 @@ def write_text(path: Path, content: str) -> None:
 
 def may_write(path: Path) -> None:
     """Raise `Refusal` if a file cannot be written there: to be asked before long work."""
-    target = Path(os.path.realpath(path)) if "\0" not in str(path) else Path(path)
-    _replaceable(target, Path(path))
-    folder(target.parent)
+    _replaceable(Path(path))
+    folder(Path(os.path.realpath(path)).parent)
 
 
 def folder(path: Path) -> Path:
@@ -186,17 +187,17 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _replaceable(target: Path, named: Path) -> os.stat_result | None:
+def _replaceable(path: Path) -> os.stat_result | None:
     """What stands where a file is to be written, None if nothing. Raises `Refusal` if no file."""
-    found = status(target)
+    found = status(path)
     if found is None:
         return None
     if stat.S_ISDIR(found.st_mode):
-        raise Refusal(f"{named} is a folder; name a file in it")
+        raise Refusal(f"{path} is a folder; name a file in it")
     if not stat.S_ISREG(found.st_mode):
-        raise Refusal(f"{named} is {_called(found.st_mode)}, no file to write to; name another")
-    if not os.access(target, os.W_OK):
-        raise Refusal(f"cannot write {named}: permission denied; choose another file")
+        raise Refusal(f"{path} is {_called(found.st_mode)}, no file to write to; name another")
+    if not os.access(path, os.W_OK):
+        raise Refusal(f"cannot write {path}: permission denied; choose another file")
     return found
 
 
@@ -215,7 +216,9 @@ def _partial(target: Path) -> tuple[Path, int]:
 
     It always has the same name: what a kill leaves behind, the next write takes up.
     """
-    partial = target.with_name(f".{target.name}.part")
+    whole = len(os.fsencode(target.name)) <= LONGEST_NAME
+    name = target.name if whole else hashlib.sha256(os.fsencode(target.name)).hexdigest()
+    partial = target.with_name(f".{name}.part")
     flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     while True:
         handle = os.open(partial, flags, 0o666)

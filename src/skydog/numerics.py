@@ -71,12 +71,20 @@ def untraced(function: Callable[Given, Result]) -> Callable[Given, Result]:
     @wraps(function)
     def call(*given: Given.args, **named: Given.kwargs) -> Result:
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((given, named))):
-            return function(*given, **named)
+            with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+                return function(*given, **named)
+        given, named = jax.tree.map(_typed_key, (given, named))  # as the caller draws
         with ours():
             given, named = single((given, named))
             return function(*given, **named)
 
     return call
+
+
+def _typed_key(leaf: Any) -> Any:
+    """A key that is plain numbers, as a key of the generator that is set now."""
+    plain = isinstance(leaf, jax.Array) and leaf.dtype == jnp.uint32
+    return jax.random.wrap_key_data(leaf) if plain else leaf
 
 
 def single(tree: Tree) -> Tree:

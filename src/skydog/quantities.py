@@ -13,14 +13,13 @@ from skydog.errors import Refusal, short
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number from `least` to `most`; `above` if `least` itself is too little."""
+    """A number from `least` to `most`."""
 
     says: str  # what it is, in words, with its bounds
     least: int | float
     most: int | float
     fix: str  # what to write instead of a bad one
     whole: bool = True
-    above: bool = False
 
     def checked(self, value: Any) -> Any:
         """The value as an int or a float; text is read as one.
@@ -28,8 +27,7 @@ class Quantity:
         Raises `Refusal` for what is no such number.
         """
         number = _number(value, self.whole)
-        least = number is not None and (number > self.least if self.above else number >= self.least)
-        if number is None or not least or not number <= self.most:
+        if number is None or not self.least <= number <= self.most:
             raise Refusal(f"{self.says}, got {_shown(value)}; try {self.fix}")
         return number
 
@@ -52,41 +50,28 @@ EPISODES = Quantity(
 )
 # In a larger arena float32 no longer holds the 5 cm that a sheep moves in a step.
 ARENA = Quantity(
-    "the arena's side is a length of more than 0 and at most 100,000 m",
-    0.0,
-    1e5,
-    "--arena 4",
-    whole=False,
-    above=True,
+    "the arena's side is a length from 0.001 to 100,000 m", 0.001, 1e5, "--arena 4", whole=False
 )
 GOAL_RADIUS = Quantity(
-    "the goal's radius is a length of more than 0 and at most 100,000 m",
-    0.0,
+    "the goal's radius is a length from 0.001 to 100,000 m",
+    0.001,
     1e5,
     "--goal-radius 2",
     whole=False,
-    above=True,
 )
 NEARNESS = Quantity(
     "nearness is a share from 0 to 1,000,000", 0.0, 1e6, "--nearness 1", whole=False
 )
-SPEED = Quantity(
-    "speed is a share of more than 0 and at most 1", 0.0, 1.0, "--speed 0.5", False, above=True
-)
+SPEED = Quantity("speed is a share from 0.001 to 1", 0.001, 1.0, "--speed 0.5", whole=False)
 WAIT = Quantity(
-    "the distance to wait for is more than 0 and at most 1,000 m",
-    0.0,
-    1_000.0,
-    "--wait 0.1",
-    False,
-    above=True,
+    "the distance to wait for is from 0.001 to 1,000 m", 0.001, 1e3, "--wait 0.1", whole=False
 )
 PORT = Quantity("a port is a whole number from 0 to 65535", 0, 65_535, "--port 8020")
 THREADS = Quantity("there are 1 to 1,024 threads, or 0 for all cores", 0, 1_024, "--threads 0")
 
 
 def _number(value: Any, whole: bool) -> int | float | None:
-    if isinstance(value, bool | bytes):
+    if type(value).__name__ in ("bool", "bool_", "bytes"):
         return None
     try:
         if whole:

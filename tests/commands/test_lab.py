@@ -26,15 +26,15 @@ SITE = SITES / "ardrone_autonomy.toml"
         (("--emulate", str(SITE)), "makes its own site"),
         (("--emulate", "--faults", "silnet-1"), "did you mean silent-"),
         (("faults", "silnet-1"), "did you mean silent-"),
-        (("--emulate", "--speed", "2"), "speed is a share of more than 0 and at most 1, got 2"),
+        (("--emulate", "--speed", "2"), "speed is a share from 0.001 to 1, got 2"),
         (
             ("--emulate", "--speed", "nan"),
-            "speed is a share of more than 0 and at most 1, got 'nan'",
+            "speed is a share from 0.001 to 1, got 'nan'",
         ),
         (("--emulate", "--steps", "0"), "a flight has 1 to 100,000 steps, got 0"),
         (("--emulate", "--disturb", "storm"), "no disturbances are called 'storm'"),
         (("--emulate", "--sheepdog", "rex"), "rex"),
-        (("--emulate", "--wait", "-1"), "the distance to wait for is more than 0"),
+        (("--emulate", "--wait", "-1"), "the distance to wait for is from 0.001"),
         (("recover", "nowhere"), "nowhere"),
     ],
 )

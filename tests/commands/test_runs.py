@@ -62,6 +62,13 @@ def test_a_finished_run_is_not_written_over(trained, refused, command):
     assert "add --resume, or choose another --out" in refused(*command)
 
 
+@pytest.mark.parametrize(
+    "command", [("train", "--seeds", "2"), ("train", "--seeds", "2", "--resume")]
+)
+def test_a_run_of_another_layout_is_not_put_beside_it(trained, refused, command):
+    assert "run holds another training, collect" in refused(*command, "--out", "run")
+
+
 def test_the_results_of_a_test_are_not_written_over(skydog, refused):
     test = ("test", "strombom", "--cases", "1", "--steps", "5", "--out", "run")
     assert skydog(*test)[0] == 0

@@ -145,17 +145,20 @@ def test_no_worker_outlives_a_parent_that_is_killed(parent, tmp_path, moment):
         wait_for(lambda: any(tmp_path.glob("*/checkpoint.safetensors")))
     process.kill()
     wait_for(lambda: not group(process.pid))
-    for folder in tmp_path.glob("*/"):
+    folders = [path.parent for path in tmp_path.glob("*/checkpoint.safetensors")]
+    assert folders or moment == "workers exist"
+    for folder in folders:
         assert not [entry.name for entry in folder.iterdir() if entry.name.startswith(".")]
 
 
-def test_ctrl_c_twice_ends_at_once_and_says_no_more_than_once_does(start, tmp_path):
+def test_ctrl_c_again_and_again_says_no_more_than_once_does(start, tmp_path):
     out = tmp_path / "run"
     process = start(*SKYDOG, "train", "--steps", str(ENDLESS), "--out", str(out))
     wait_for(lambda: sum(map(trains, group(process.pid))) > 0)
-    time.sleep(0.2)
-    for _ in range(2):
-        os.killpg(process.pid, signal.SIGINT)
+    # Until it has ended: two that come at the same moment are one.
+    while process.poll() is None:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.01)
     told = process.communicate(timeout=HANGS)[1]
     assert process.returncode == 130

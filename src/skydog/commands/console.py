@@ -207,6 +207,11 @@ def show(results: dict[str, Any], as_json: bool, as_paper: bool = True) -> None:
     print_table(report.table(report.rows(results, as_paper)))
 
 
+def print_path(path: Path) -> None:
+    """Print where something was written: as it is for a program, in one line for a person."""
+    print(one_line(str(path)) if sys.stdout.isatty() else path)
+
+
 def print_table(table: Table) -> None:
     """Print a table on the standard output, below each other what does not fit beside each other.
 
@@ -214,7 +219,7 @@ def print_table(table: Table) -> None:
     """
     console = ResultConsole()
     needs = Measurement.get(console, console.options.update(width=WIDEST), table).maximum
-    if needs > console.width and not console.is_terminal:
+    if needs > console.width and not sys.stdout.isatty():
         console.width = needs
     console.print(table if needs <= console.width else stacked(table))
 

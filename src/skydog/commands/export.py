@@ -62,5 +62,5 @@ def export(
     own = file.absolute().parent.name if file.name == store.FILE else file.stem
     out = out or Path(f"{own}.onnx")
     exporting.export(out, dog, world, card)
-    print(out)
+    console.print_path(out)
     return 0

@@ -123,8 +123,8 @@ def run(
         world = presets.furthest_first(world)
     starts = cases(world, count, "paper", sheep=curriculum.sheep)
     todo = training.jobs(curriculum, out, seed, resume)
-    training.check(todo)
     with files.claimed(out):
+        training.check(out, todo)
         return _run(out, curriculum, world, starts, todo, command, fly)
 
 

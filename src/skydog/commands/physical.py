@@ -92,7 +92,7 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
         for seed, folder in enumerate(places)
         for job in training.jobs(kind, folder, seed, resume=True)
     ]
-    training.check(todo)
+    training.check(out, todo)
     console.say(f"Training {len(todo)} skills, a core each; Ctrl-C keeps what was learnt:")
     if not training.train_all(todo):
         training.stopped(command, resumes=True)

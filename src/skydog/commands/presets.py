@@ -36,7 +36,7 @@ def presets(as_json: Json = False) -> int:
         table.add_row(name, *(_short(preset.get(name, "—")) for preset in values.values()))
     console.print_table(table)
     for name, preset in presets.PRESETS.items():
-        print(f"{name}: {(preset.__doc__ or '').splitlines()[0]}")
+        print(f"{name}: {(preset.__doc__ or name).splitlines()[0]}")
     return 0
 
 

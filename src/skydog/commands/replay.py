@@ -27,6 +27,7 @@ def replay(
             each by its folder or its .mcap file.
         out: The page (.html); or a film of the missions side by side (.gif or .mp4).
     """
+    from skydog.commands import console
     from skydog.view import replay as view
 
     if not traces:
@@ -34,7 +35,7 @@ def replay(
     stems = [path.stem for path in traces]
     named = {path.stem if stems.count(path.stem) == 1 else str(path): path for path in traces}
     view.save(out, {name: _mission(path) for name, path in named.items()})
-    print(out)
+    console.print_path(out)
     return 0
 
 

@@ -88,7 +88,7 @@ def run(out: Path, plan: "Plan", from_zoo: bool, command: str, fly: "Fly") -> di
         trained = zoo.read()
     else:
         todo = plan.jobs(out)
-        training.check(todo)
+        training.check(out, todo)
         console.say(f"Training {len(todo)} skills, a core each; Ctrl-C keeps what was learnt:")
         if not training.train_all(todo):
             return training.stopped(command, resumes=True)

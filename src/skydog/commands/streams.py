@@ -71,12 +71,14 @@ def _spelled(stream: Any, number: int) -> Any:
     return stream
 
 
-def _plainer(problem: UnicodeError) -> tuple[str, int]:
+def _plainer(problem: UnicodeError) -> tuple[str | bytes, int]:
     """Letters that the encoding lacks, in letters that every encoding has."""
     if not isinstance(problem, UnicodeEncodeError):
         raise problem
-    letters = problem.object[problem.start : problem.end]
-    return "".join(map(_plain, letters)), problem.end
+    first = problem.object[problem.start]
+    if "\udc80" <= first <= "\udcff":  # a byte of a file's name that is no UTF-8
+        return bytes([ord(first) - 0xDC00]), problem.start + 1
+    return _plain(first), problem.start + 1
 
 
 def _plain(letter: str) -> str:

@@ -137,9 +137,9 @@ def run(
         for seed, folder in folders.items()
         for job in training.jobs(curriculum, folder, seed, resume)
     ]
-    training.check(todo)
     write = console.tensorboard(out / "tensorboard") if tensorboard else None
     with files.claimed(out):
+        training.check(out, todo)
         return _train(out, curriculum, folders, todo, write, command, fly)
 
 

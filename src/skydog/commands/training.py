@@ -46,18 +46,26 @@ def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | No
         return workers.run(todo, update)
 
 
-def check(todo: Iterable[Job]) -> None:
+def check(out: Path, todo: Iterable[Job]) -> None:
     """Raise `Refusal`, in the words of the command line, for a job whose folder is of another.
 
     A folder that holds a training already, finished or not, is only resumed, and only by one
-    of the same options that goes at least as far.
+    of the same options that goes at least as far. `out` is the folder of the whole run.
     """
+    todo = list(todo)
+    asked = {checkpoint_in(job.folder) for job in todo}
+    for path in _checkpoints(out):
+        if path not in asked:
+            raise Refusal(
+                f"{out} holds another training, {path.parent.relative_to(out)}; "
+                "choose another --out"
+            )
     for job in todo:
-        out, path = job.folder.parent, checkpoint_in(job.folder)
+        where, path = job.folder.parent, checkpoint_in(job.folder)
         if not files.exists(path):
             continue
         if not job.resume:
-            raise Refusal(f"{out} holds a training; add --resume, or choose another --out")
+            raise Refusal(f"{where} holds a training; add --resume, or choose another --out")
         arrays, theirs = load_some(path, KIND, "step")
         if isinstance(theirs.get("seed"), int):
             theirs["seed"] = workers.typed(theirs["seed"])
@@ -65,15 +73,28 @@ def check(todo: Iterable[Job]) -> None:
             if theirs.get(name) != ours:
                 option = f"--{name.replace('_', '-')}"
                 raise Refusal(
-                    f"{out} was trained with {option} {_typed(theirs.get(name))}, not "
+                    f"{where} was trained with {option} {_typed(theirs.get(name))}, not "
                     f"{_typed(ours)}; resume with the same options, or choose another --out"
                 )
         done = int(arrays["step"])
         if done > job.curriculum.steps:
             raise Refusal(
-                f"{out} was trained for {done:,} steps already, more than the "
+                f"{where} was trained for {done:,} steps already, more than the "
                 f"{job.curriculum.steps:,} asked for; ask for as many, or choose another --out"
             )
+
+
+def _checkpoints(out: Path) -> list[Path]:
+    """The checkpoints of a run of `skydog herd` or `train`, of one sheepdog or several."""
+    if not files.is_folder(out):
+        return []
+    places = [checkpoint_in(Path(skill)) for skill in SKILLS]
+    return [
+        path
+        for each in places
+        for way in ("", "seed-*/")
+        for path in files.listed(out, f"{way}{each}")
+    ]
 
 
 def _typed(value: Any) -> str:

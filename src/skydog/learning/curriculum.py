@@ -6,9 +6,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, get_args
 
 from skydog import quantities
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 from skydog.learning.options import Bodies, Learner, Reward, Skill
 from skydog.shepherds.options import Frame
+from skydog.world.options import PRESET_NAMES
 
 if TYPE_CHECKING:  # a worker pins itself to its core before jax is imported
     from skydog.learning.lessons import Lesson
@@ -41,8 +42,31 @@ class Curriculum:
     bodies: Bodies = "ideal"  # in the lessons
 
     def __post_init__(self) -> None:
-        if self.goal is not None and not isinstance(self.goal, tuple):  # so that it has a hash
-            object.__setattr__(self, "goal", tuple(self.goal))
+        checked = {"sheep": quantities.SHEEP, "steps": quantities.TRAINING}
+        checked |= {} if self.arena is None else {"arena": quantities.ARENA}
+        checked |= {} if self.episodes is None else {"episodes": quantities.EPISODES}
+        checked |= {} if self.goal_radius is None else {"goal_radius": quantities.GOAL_RADIUS}
+        for name, quantity in checked.items():
+            object.__setattr__(self, name, quantity.checked(getattr(self, name)))
+        for name, words in (
+            ("preset", PRESET_NAMES),
+            ("reward", get_args(Reward)),
+            ("learner", get_args(Learner)),
+            ("frame", get_args(Frame)),
+            ("bodies", get_args(Bodies)),
+        ):
+            word = getattr(self, name)
+            if not isinstance(word, str) or word not in words:
+                raise Refusal(f"no {name} is called {short(word)}; choose from {', '.join(words)}")
+        if self.goal is not None:  # a tuple, so that it has a hash
+            goal = self.goal if isinstance(self.goal, list | tuple) else ()
+            if len(goal) != 2:
+                raise Refusal(f"a goal is x and y in metres, got {short(self.goal)}; try (4, 4)")
+            object.__setattr__(self, "goal", tuple(goal))
+        if not isinstance(self.one_scale, bool):
+            raise Refusal(f"one_scale is True or False, got {short(self.one_scale)}")
+        if not isinstance(self.own_world, str | None):
+            raise Refusal(f"own_world is FILE.py:NAME, got {short(self.own_world)}")
 
     def world(self) -> "World":
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
@@ -122,11 +146,6 @@ class Curriculum:
 def _world(curriculum: Curriculum) -> "World":
     from skydog.world import loading, mission, presets
 
-    quantities.TRAINING.checked(curriculum.steps)
-    if curriculum.frame not in get_args(Frame):
-        raise Refusal(
-            f"no frame is called {curriculum.frame!r}; choose from {', '.join(get_args(Frame))}"
-        )
     own, goal = curriculum.own_world, (curriculum.goal, curriculum.goal_radius)
     if own is not None:
         made = presets.make(loading.maker(own), curriculum.arena, curriculum.sheep, *goal)

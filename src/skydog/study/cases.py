@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 
 from skydog import numerics, quantities
-from skydog.errors import Refusal
+from skydog.errors import Refusal, short
 from skydog.numerics import fits
 from skydog.study.options import ShippedStarts, Starts
 from skydog.world import herding, mission, params
@@ -75,8 +75,10 @@ def _drawn(
 
 def check(starts: str, sheep: int, dogs: int) -> None:
     """Raise `Refusal` for starts that cannot be drawn."""
-    if starts not in get_args(Starts):
-        raise Refusal(f"no starts are called {starts!r}; choose from {', '.join(get_args(Starts))}")
+    if not isinstance(starts, str) or starts not in get_args(Starts):
+        raise Refusal(
+            f"no starts are called {short(starts)}; choose from {', '.join(get_args(Starts))}"
+        )
     quantities.SHEEP.checked(sheep)
     quantities.DOGS.checked(dogs)
     if starts == "paper" and sheep != len(PAPER_LAYOUT):

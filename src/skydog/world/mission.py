@@ -61,6 +61,7 @@ def reset(world: World, key: PRNGKeyArray, sheep: int = 3, dogs: int = 1) -> Sta
     opposite, as in Strömbom 2014; the paper does not print its starts. On an axis on which the
     goal is in the middle they are uniform in [0.05 L, 0.95 L].
     """
+    sheep, dogs = quantities.SHEEP.checked(sheep), quantities.DOGS.checked(dogs)
     for_sheep, for_dogs = jax.random.split(key)
     size = world.arena.size
     share = herding.goal(world.arena) / size
@@ -253,7 +254,7 @@ def rollout(
 
 def count(steps: int) -> int:
     """The steps of a mission. Raises `Refusal` for fewer than none."""
-    return 0 if steps == 0 else quantities.STEPS.checked(steps)
+    return 0 if isinstance(steps, int) and steps == 0 else quantities.STEPS.checked(steps)
 
 
 @compiled_once

@@ -166,8 +166,8 @@ def preset(
     Raises `Refusal` for an unknown name, an arena that is not wider than the goal's radius, a
     goal outside the arena, or a flock of fewer than one sheep.
     """
-    if name not in PRESETS:
-        raise Refusal(f"no preset is called {name!r}; choose from {', '.join(PRESETS)}")
+    if not isinstance(name, str) or name not in PRESETS:
+        raise Refusal(f"no preset is called {short(name)}; choose from {', '.join(PRESETS)}")
     return make(PRESETS[name], arena, sheep, goal, goal_radius)
 
 
