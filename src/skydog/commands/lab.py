@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from skydog import files
-from skydog.commands.flags import STOPPED, FlightSteps, Json, MaybeOut, Seed, Speed, Wait
+from skydog.commands.flags import (
+    STOPPED,
+    FlightSteps,
+    Json,
+    MaybeOut,
+    Seed,
+    Shepherd,
+    Speed,
+    Wait,
+)
 from skydog.errors import Refusal, one_line
 
 if TYPE_CHECKING:
@@ -36,7 +45,7 @@ def lab(
     faults: Annotated[str | None, arg(metavar="NAME")] = None,
     transport: Literal["ros1", "dds"] | None = None,
     adapter: Adapter | None = None,
-    sheepdog: Annotated[str, arg(metavar="SHEEPDOG|strombom")] = "h-ddpg-6x6",
+    sheepdog: Shepherd = "h-ddpg-6x6",
     disturb: Annotated[str, arg(metavar="NAME")] = "lab",
     speed: Speed = 1.0,
     wait: Wait = None,
@@ -92,7 +101,7 @@ def lab(
                 )
             return _campaign((faults,), out, as_json)
         flown = _emulate(
-            transport or _transport(),
+            transport,
             adapter,
             sheepdog,
             disturb,
@@ -121,12 +130,8 @@ def _transport() -> Literal["ros1", "dds"]:
     """ROS 1 where it is installed."""
     from importlib.util import find_spec
 
-    from skydog.commands import console
-
-    if find_spec("rospy") is not None and find_spec("rosmaster") is not None:
-        return "ros1"
-    console.say("There is no ROS 1 here (make ros, or apt install python3-rospy): flying over DDS.")
-    return "dds"
+    there = find_spec("rospy") is not None and find_spec("rosmaster") is not None
+    return "ros1" if there else "dds"
 
 
 def _home(out: Path | None) -> Path:
@@ -164,7 +169,7 @@ def _fly(path: Path, log: Path) -> tuple["Outcome", Path]:
 
 
 def _emulate(
-    transport: Literal["ros1", "dds"],
+    transport: Literal["ros1", "dds"] | None,
     adapter: Adapter | None,
     sheepdog: str,
     disturb: str,
@@ -192,7 +197,8 @@ def _emulate(
     world = presets.preset("paper-physical")
     size = float(world.arena.size)
     mission = Mission(sheepdog=sheepdog, speed=speed, wait=wait, steps=steps)
-    site = a_site(mission, size, transport, adapter)
+    chosen = transport or _transport()
+    site = a_site(mission, size, chosen, adapter)
     made = setup.setup(site)
     uav, rover = profiles.uav(site.uav[0].profile), profiles.rover(site.ugv[0].profile)
     drawn = starts.draw(world, 1, "spaced", uav, rover, seed)
@@ -205,6 +211,8 @@ def _emulate(
         disturb=disturb,
         key=tuple(np.asarray(jax.random.key_data(jax.random.key(seed))).tolist()),
     )
+    if chosen != (transport or "ros1"):
+        console.say("There is no ROS 1 here (make ros, or apt install python3-rospy): over DDS.")
     console.say("Starting the emulated laboratory: its room, its tracker, its robots.")
     orders = Orders()
     with _operator(orders), Chain(site, start) as chain, ExitStack() as stack:
