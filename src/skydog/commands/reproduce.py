@@ -49,16 +49,16 @@ def reproduce(
     out = out or Path("runs/physical" if physical else "runs/reproduce")
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
-    with files.claimed(out):
-        if physical:
-            from skydog.commands import physical as study
-            from skydog.study.physical import summary
+    if physical:
+        from skydog.commands import physical as study
+        from skydog.study.physical import summary as table
 
+        with files.claimed(out):
             results = study.run(out, seeds, episodes, from_zoo, command)
-            table = summary
-        else:
+    else:
+        table = _table
+        with files.claimed(out):
             results = run(out, Plan(seeds, episodes), from_zoo, command, evaluate.fly)
-            table = _table
     if results is None:
         return STOPPED
     if as_json:
