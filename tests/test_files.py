@@ -288,21 +288,13 @@ def test_a_link_is_followed(tmp_path, dangles):
     assert target.read_bytes() == b"after"
 
 
-@pytest.mark.parametrize("mode", [0o600, 0o640, 0o755])
-def test_a_file_that_is_replaced_keeps_its_mode(tmp_path, mode):
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o755, 0o4755])
+def test_a_file_that_is_replaced_keeps_its_mode_but_no_new_trust(tmp_path, mode):
     path = tmp_path / "secret"
     path.write_bytes(b"before")
     path.chmod(mode)
     files.write_bytes(path, b"after")
-    assert stat.S_IMODE(path.stat().st_mode) == mode
-
-
-def test_new_content_is_not_trusted_as_the_old_was(tmp_path):
-    path = tmp_path / "program"
-    path.write_bytes(b"before")
-    path.chmod(0o4755)
-    files.write_bytes(path, b"after")
-    assert stat.S_IMODE(path.stat().st_mode) == 0o755
+    assert stat.S_IMODE(path.stat().st_mode) == mode & 0o777
 
 
 @pytest.mark.parametrize("length", [249, 250, 255])
@@ -389,15 +381,6 @@ def test_a_trap_where_the_partial_file_would_stand_is_not_written_to(tmp_path, t
 def test_a_path_that_cannot_be_is_refused_and_named(tmp_path, name, use):
     with pytest.raises(Refusal, match=name[:4]):
         use(tmp_path / name)
-
-
-def test_a_folder_belongs_to_one_run_at_a_time(tmp_path):
-    with files.claimed(tmp_path / "run") as run:
-        with pytest.raises(Refusal, match="another run"), files.claimed(run):
-            pass
-        assert list(run.iterdir()) == []
-    with files.claimed(run):
-        pass
 
 
 def test_plain_values_are_those_that_json_gives_back():

@@ -80,6 +80,15 @@ def test_a_study_that_was_trained_is_not_written_over_by_the_zoo(refused, tmp_pa
     assert "choose another --out" in refused("reproduce", "--from-zoo", "--out", "run")
 
 
+def test_a_folder_belongs_to_one_run_at_a_time(tmp_path):
+    with files.claimed(tmp_path / "run") as run:
+        with pytest.raises(Refusal, match="another run"), files.claimed(run):
+            pass
+        assert list(run.iterdir()) == []
+    with files.claimed(run):
+        pass
+
+
 @pytest.mark.parametrize("command", ["train", "herd", "reproduce"])
 def test_a_folder_where_another_run_is_at_work_is_refused(refused, tmp_path, command):
     with files.claimed(tmp_path / "run"):

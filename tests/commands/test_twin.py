@@ -99,7 +99,7 @@ def test_twin_refuses_in_one_line(skydog, flags, said):
 def test_at_a_share_of_the_speed_dogs_and_sheep_are_slower():
     world = at_speed(preset("paper-physical"), 0.5)
     assert (world.dog.speed, world.sheep.speed, world.arena.dt) == (0.5, 0.25, 0.2)
-    with pytest.raises(Refusal, match="at most 1, got 2"):
+    with pytest.raises(Refusal, match="to 1, got 2"):
         at_speed(world, 2.0)
 
 
@@ -157,7 +157,7 @@ def test_of_several_seeds_taught_the_fastest_in_the_twin_ships(tmp_path, monkeyp
         return True
 
     monkeypatch.setattr(training, "train_all", train_all)
-    monkeypatch.setattr(training, "check", lambda todo: None)
+    monkeypatch.setattr(training, "check", lambda out, todo: None)
     monkeypatch.setattr(training, "fuse", lambda kind, folder, seed: (dogs[seed], {}))
     flown = {"success": 1.0}
     monkeypatch.setattr(
