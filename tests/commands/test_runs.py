@@ -9,6 +9,7 @@ import pytest
 
 import skydog as package
 from skydog import files
+from skydog.errors import Refusal
 from skydog.shepherds import store
 from skydog.study import evaluate
 from skydog.study.paper import PRINTED
