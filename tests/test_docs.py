@@ -74,7 +74,7 @@ COMMANDS = sorted({command for page in PAGES for command in commands(page)})
 @pytest.mark.parametrize("line", COMMANDS)
 def test_a_command_line_parses(line, monkeypatch):
     # What a page names need not be here.
-    monkeypatch.setattr(finding, "check", lambda *names: None)
+    monkeypatch.setattr(finding, "check", lambda name: None)
     monkeypatch.setattr(files, "exists", lambda path: True)
     _, command, *arguments = shlex.split(line)
     assert parsed(getattr(cli, command), arguments) is not None

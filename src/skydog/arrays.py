@@ -42,9 +42,8 @@ def load_arrays(
         )
         arrays = safetensors.load(content)
     except (SafetensorError, ValueError, KeyError, TypeError, RecursionError):
-        raise Refusal(f"{path} is damaged or no {kind} of skydog; make it again") from None
-    if not isinstance(card, dict) or card.get("kind") != kind:
-        raise Refusal(f"{path} is no {kind} of skydog, its card says {_kind(card)!r}")
+        raise _damaged(path, kind) from None
+    _check(path, kind, card)
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.all(np.isfinite(array)):
             raise Refusal(f"{path} is damaged: {name} holds a number that is not finite")
@@ -61,9 +60,8 @@ def load_some(path: Path, kind: str, *names: str) -> tuple[dict[str, np.ndarray]
             card = json.loads(file.metadata()[CARD], parse_constant=_no_constant)
             arrays = {name: file.get_tensor(name) for name in names}
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RecursionError):
-        raise Refusal(f"{path} is damaged or not a {kind} of skydog; make it again") from None
-    if not isinstance(card, dict) or card.get("kind") != kind:
-        raise Refusal(f"{path} is not a {kind} of skydog, its card says {_kind(card)!r}")
+        raise _damaged(path, kind) from None
+    _check(path, kind, card)
     return arrays, card
 
 
@@ -71,5 +69,11 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no JSON")
 
 
-def _kind(card: Any) -> Any:
-    return card.get("kind") if isinstance(card, dict) else card
+def _damaged(path: Path, kind: str) -> Refusal:
+    return Refusal(f"{path} is damaged or no {kind} of skydog; make it again")
+
+
+def _check(path: Path, kind: str, card: Any) -> None:
+    found = card.get("kind") if isinstance(card, dict) else card
+    if not isinstance(card, dict) or found != kind:
+        raise Refusal(f"{path} is no {kind} of skydog, its card says {found!r}")

@@ -10,11 +10,10 @@ ZOO = Path(__file__).parent / "zoo"
 RULES = ("strombom", "strombom-arrive")  # the names of the rule dog
 
 
-def check(*names: str) -> None:
+def check(name: str) -> None:
     """Raise `Refusal` for a shepherd that there is not."""
-    for name in names:
-        if name not in RULES:
-            find(Path(name))
+    if name not in RULES:
+        find(Path(name))
 
 
 def ships() -> list[str]:
