@@ -142,9 +142,9 @@ def run(
     from skydog.study import evaluate, report
     from skydog.world import trace as traces
 
-    if out is not None and files.exists(out / report.RESULTS):
-        raise Refusal(f"{out} holds results already; choose another --out")
     with nullcontext() if out is None else files.claimed(out):
+        if out is not None and files.exists(out / report.RESULTS):
+            raise Refusal(f"{out} holds results already; choose another --out")
         flown = fly(world, shepherd, starts, steps, key)
         console.say_over(flown)
         results = {name: evaluate.row(flown)}
