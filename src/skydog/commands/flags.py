@@ -11,7 +11,7 @@ from skydog import files, quantities
 from skydog.errors import Refusal, short
 from skydog.quantities import Quantity
 from skydog.shepherds import finding
-from skydog.world.options import PRESET_NAMES
+from skydog.world.options import PRESET_NAMES, SCENE_NAMES
 
 if TYPE_CHECKING:
     from skydog.world.params import World
@@ -37,6 +37,14 @@ def _path(word: str) -> Path:
 def _preset(word: str) -> str:
     if word not in PRESET_NAMES:
         raise Refusal(f"no preset is called {short(word)}; choose from {', '.join(PRESET_NAMES)}")
+    return word
+
+
+def _scene(word: str) -> str:
+    if word not in SCENE_NAMES and not files.exists(_path(word)):
+        raise Refusal(
+            f"no scene is called {short(word)}, and no file; choose from {', '.join(SCENE_NAMES)}"
+        )
     return word
 
 
@@ -74,6 +82,7 @@ MaybeFile = Annotated[Path | None, _one_word(_path, "FILE"), arg(aliases=["-o"])
 MaybeFilm = Annotated[Path | None, _one_word(_path, "FILE.mp4")]
 Preset = Annotated[str, _one_word(_preset, "NAME")]
 MaybePreset = Annotated[str | None, _one_word(_preset, "NAME")]
+MaybeScene = Annotated[str | None, _one_word(_scene, "NAME|FILE")]
 Shepherd = Annotated[str, _one_word(_shepherd, "SHEEPDOG|strombom")]
 Sheepdog = Annotated[str, _one_word(_shepherd, "SHEEPDOG")]
 Trace = Annotated[Path, _one_word(_there, "TRACE")]
@@ -131,11 +140,12 @@ def world_of(
     goal: str | None = None,
     goal_radius: float | None = None,
     nearness: float | None = None,
+    scene: str | None = None,
 ) -> "World":
-    """The preset's world, or the one of your own, FILE.py:NAME. Raises `Refusal`."""
+    """The preset's world, or the one of your own, FILE.py:NAME, in a scene. Raises `Refusal`."""
     from skydog.world import loading, mission, presets
 
-    asked = arena, sheep, goal_of(goal), goal_radius
+    asked = arena, sheep, goal_of(goal), goal_radius, scene
     if own is None:
         world = presets.preset(preset, *asked)
     else:

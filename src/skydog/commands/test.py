@@ -17,6 +17,7 @@ from skydog.commands.flags import (
     Json,
     MaybeArena,
     MaybeOut,
+    MaybeScene,
     MaybeSheep,
     Nearness,
     OwnWorld,
@@ -43,6 +44,7 @@ def test(
     shepherd: Positional[flags.Shepherd],
     preset: Preset = "paper",
     world: OwnWorld = None,
+    scene: MaybeScene = None,
     arena: MaybeArena = None,
     goal: Goal = None,
     goal_radius: GoalRadius = None,
@@ -50,9 +52,9 @@ def test(
     dogs: Dogs = 1,
     nearness: Nearness = None,
     cases: Cases = 30,
-    starts: Starts = "paper",
+    starts: Starts | None = None,
     seed: Seed = 0,
-    steps: Steps = 1000,
+    steps: Steps | None = None,
     at_point: AtPoint = "constant",
     out: MaybeOut = None,
     every: Every = 1,
@@ -71,7 +73,10 @@ def test(
         preset: The world of the missions; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
-        arena: Side of the arena in metres; the world's own if not given.
+        scene: Obstacles to herd around: gate, corridor, u-trap, maze, clutter, or a file in TOML
+            or GeoJSON. See docs/scenes.md.
+        arena: Side of the arena in metres; the world's own if not given. In a scene it grows with
+            the flock.
         goal: The goal's position in metres, such as 4,4; the world's own if not given.
         goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock; as many as the world has if not given, 3 in a preset.
@@ -81,9 +86,11 @@ def test(
             prefers one near the dog. If not given: 0 beside the paper's figures, else the world's.
         cases: How many missions.
         starts: `paper`: only the dogs start at random; `random`: the sheep too, opposite the
-            goal; `anywhere`: the sheep start anywhere in the arena.
+            goal, or where the scene says; `anywhere`: the sheep start anywhere in the arena. If
+            not given: paper, and random in a scene.
         seed: Random seed of the starts and the noise.
-        steps: Maximum steps per mission; a mission that needs more has failed.
+        steps: Maximum steps per mission; a mission that needs more has failed. If not given: 1000,
+            and 5000 in a scene.
         at_point: Whether strombom flies past its subgoal at full speed, or stops there.
         out: Where to write results.json and a trace per mission, if given.
         every: With --out, record the sheep at every n-th step; 10 makes files ten times smaller.
@@ -98,8 +105,10 @@ def test(
 
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
-    where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness)
-    as_paper = (preset, world, starts, dogs) == ("paper", None, "paper", 1)
+    where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness, scene)
+    steps = steps or (1000 if scene is None else 5000)
+    starts = starts or ("paper" if scene is None else "random")
+    as_paper = (preset, world, scene, starts, dogs) == ("paper", None, None, "paper", 1)
     as_paper = as_paper and presets.has_own_goal(where, preset, sheep) and not nearness
     if as_paper:
         where = presets.furthest_first(where)
@@ -114,6 +123,8 @@ def test(
     name = evaluate.scenario(steers, where, store.called(shepherd, card), sheep, dogs)
     if world is not None or preset != "paper":
         name += f"-{preset if world is None else loading.title(world)}"
+    if scene is not None:
+        name += f"-{Path(scene).stem}"
     drawn = draws.cases(where, cases, starts, seed, sheep, dogs)
     key = evaluate.noise_key(where, seed)
     # The metrics need the sheep at the start and at the end alone; a trace's file shows more.

@@ -8,6 +8,7 @@ from skydog.commands.flags import (
     Goal,
     GoalRadius,
     MaybeArena,
+    MaybeScene,
     MaybeSheep,
     OwnWorld,
     Port,
@@ -22,6 +23,7 @@ def watch(
     shepherd: Positional[flags.Shepherd] = "h-ddpg-4x4",
     preset: Preset = "paper",
     world: OwnWorld = None,
+    scene: MaybeScene = None,
     arena: MaybeArena = None,
     goal: Goal = None,
     goal_radius: GoalRadius = None,
@@ -43,6 +45,8 @@ def watch(
         preset: The world that pages begin with; see skydog presets.
         world: Your own world to begin with: the name of a world, or of a function of arena and
             sheep, in a Python file, which is run. See docs/own.md.
+        scene: Obstacles to begin with: gate, corridor, u-trap, maze, clutter, or a file in TOML or
+            GeoJSON. See docs/scenes.md.
         arena: Side of the arena in metres; if not given, as large as the flock needs.
         goal: The goal's position in metres, such as 4,4; the world's own if not given.
         goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
@@ -77,6 +81,7 @@ def watch(
         goal_of(goal),
         goal_radius,
         live.cards(shepherds),
+        scene,
     ) as server:
         print(f"{server.url}  (Ctrl-C ends)", flush=True)
         if open_browser:

@@ -42,10 +42,11 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
         reward: str = "progress",
         observation: str = "compact",
         world: Any = None,
+        scene: Any = None,
         render_mode: str | None = None,
     ):
-        """`world` takes the place of `preset` and `arena`. Raises `Refusal` for bad values."""
-        self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world)
+        """`world` takes the place of preset, scene and arena. Raises `Refusal` for bad values."""
+        self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world, scene)
         self._how = inputs.choice(observation, get_args(ObservationKind), "observation")
         self.observation_space, self.action_space = spaces_of(self.task, self._how)
         self._seen = tasks.observation_size(self.task, self._how)

@@ -16,7 +16,8 @@ from skydog.learning.options import Reward
 from skydog.shepherds import sheepdog
 from skydog.study import cases
 from skydog.study.options import Starts
-from skydog.world import herding, mission, params, serialise
+from skydog.world import herding, mission, obstacles, params, serialise
+from skydog.world.home import AroundHome
 from skydog.world.params import World
 from skydog.world.presets import PRESETS
 from skydog.world.presets import preset as preset_world
@@ -63,7 +64,7 @@ class HerdTask(eqx.Module):
     mean distance to the goal, and how far the stray stands beyond f(N). Less `STEP_COST`; and
     `ACCOMPLISHED` when all are home and gathered, which ends the episode. It adds up to about
     the same over any mission that succeeds, less the time it took. Ours; the paper rewards
-    lessons only. Distances are straight ones, whatever the world's `home`.
+    lessons only. Distances are straight ones; in a scene, those around its obstacles.
     """
 
     world: World
@@ -104,7 +105,12 @@ class HerdTask(eqx.Module):
         return self.world, episode.state, subgoal, drives, success
 
     def _remaining(self, state: State) -> Float[Array, ""]:
-        away = jnp.mean(norm(state.sheep - herding.goal(self.world.arena)))
+        home = self.world.home
+        away = jnp.mean(
+            home.field.at(state.sheep)[0]
+            if isinstance(home, AroundHome)
+            else norm(state.sheep - herding.goal(self.world.arena))
+        )
         stray = jnp.max(norm(state.sheep - herding.gcm(state.sheep)))
         spread = herding.gathered_radius(self.world, self.sheep)
         return away + jnp.maximum(stray - spread, 0.0)
@@ -180,6 +186,7 @@ def make_task(
     starts: str = "random",
     reward: str = "progress",
     world: Any = None,
+    scene: Any = None,
 ) -> Task:
     """The task of a `TaskName`, in a preset's world or in one of your own.
 
@@ -191,10 +198,12 @@ def make_task(
     inputs.choice(preset, PRESETS, "preset")
     sheep = inputs.count(sheep, "sheep", MAX_SHEEP)
     dogs = inputs.count(dogs, "dogs", MAX_DOGS)
-    if world is not None and (arena is not None or preset != "paper"):
-        raise Refusal("world takes the place of preset and arena; leave those out")
+    if world is not None and (arena is not None or preset != "paper" or scene is not None):
+        raise Refusal("world takes the place of preset, scene and arena; leave those out")
+    if scene is not None and what != "herd":
+        raise Refusal(f"the lesson {what!r} has no obstacles; leave out scene={short(scene)}")
     if world is None:
-        chosen = preset_world(preset, arena, sheep)
+        chosen = preset_world(preset, arena, sheep, scene=scene)
     else:
         chosen = mission.check(_with_numbers(world), sheep, dogs)
     traced = params.traced(chosen)
@@ -239,7 +248,7 @@ def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
 
     Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
     """
-    size, beyond = float(task.world.arena.size), float(task.world.dog.airspace)
+    size, beyond = max(task.world.arena.plain_sides), float(task.world.dog.airspace)
     bounds = {"sheep": (task.sheep, 0.0, size), "dogs": (task.dogs, -beyond, size + beyond)}
     if isinstance(task, LessonTask):  # it draws the arena too
         bounds = {}
@@ -249,7 +258,18 @@ def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
             choices = ", ".join(bounds) or "none: a lesson draws its start"
             raise Refusal(f"reset has no option {short(name)}; choose from {choices}")
         where[name] = inputs.places(value, name, *bounds[name])
+        _check_free(task.world, name, where[name])
     return where
+
+
+def _check_free(world: World, name: str, places: np.ndarray) -> None:
+    """Raise `Refusal` for a place within an obstacle that it may not be in."""
+    if world.obstacles is None or (name == "dogs" and not world.obstacles.tall):
+        return
+    inside = np.asarray(obstacles.clearance(world.obstacles, jnp.asarray(places))) < 0.0
+    if inside.any():
+        at = np.round(places[np.argmax(inside)], 3).tolist()
+        raise Refusal(f"the option {name!r} places one within an obstacle, at {at}; move it")
 
 
 def place(env: EnvState, where: dict[str, Float[Array, "some 2"]]) -> EnvState:
@@ -295,7 +315,7 @@ def observation_bound(task: Task) -> Scalar:
     """The furthest, in metres on an axis, that anything can be from a dog, as the dog sees it."""
     widest = max(1.0, task.lesson.scales[1]) if isinstance(task, LessonTask) else 1.0
     arena, dog = task.world.arena, task.world.dog
-    return arena.size + 2.0 * widest * dog.airspace
+    return jnp.max(jnp.asarray(arena.sides)) + 2.0 * widest * dog.airspace
 
 
 def observation_size(task: Task, how: ObservationKind) -> int:

@@ -55,7 +55,7 @@ class Sheepdog(eqx.Module):
     def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
         """Velocities of the dogs, in m/s."""
         subgoal, drives = herding.gate(world, state.sheep, state.dogs)
-        xi = self.arena / world.arena.size  # the diagonals' ratio, since arenas are square
+        xi = self.arena / world.arena.scale  # the diagonals' ratio
         seen = xi * observe(state.sheep, state.dogs, subgoal)
         # A dog whose eyes fail hovers. An `Actor` carries what is no number through to its limits;
         # of such values a `GreedyQ` would pick the first.

@@ -56,13 +56,13 @@ def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: 
         return drawn
     if starts == "anywhere":
         for_sheep, _ = jax.random.split(key)
-        return start(world.arena.size * jax.random.uniform(for_sheep, (sheep, 2)), drawn.dogs)
-    return start(_opposite(world, jnp.asarray(PAPER_LAYOUT)) * world.arena.size, drawn.dogs)
+        return start(mission.draw_sheep(world, for_sheep, sheep), drawn.dogs)
+    return start(_opposite(world, jnp.asarray(PAPER_LAYOUT)) * world.arena.sides, drawn.dogs)
 
 
 def _opposite(world: World, shares: Float[Array, "*places 2"]) -> Float[Array, "*places 2"]:
     """Places opposite a goal at (0, 0), mirrored to lie opposite this world's goal."""
-    beyond = herding.goal(world.arena) > world.arena.size / 2
+    beyond = herding.goal(world.arena) > world.arena.sides / 2
     return jnp.where(beyond, 1.0 - shares, shares)
 
 
@@ -102,13 +102,13 @@ def shipped(world: World, name: ShippedStarts) -> State:
     file = resources.files("skydog.study").joinpath("data", f"{name}.csv")
     with file.open(encoding="utf-8") as lines:
         shares = np.loadtxt(lines, delimiter=",", skiprows=1, dtype=np.float32)
-    placed = _opposite(world, jnp.asarray(shares.reshape(len(shares), -1, 2))) * world.arena.size
+    placed = _opposite(world, jnp.asarray(shares.reshape(len(shares), -1, 2))) * world.arena.sides
     return jax.vmap(start)(placed[:, 1:], placed[:, :1])
 
 
 def as_table(world: World, drawn: State) -> str:
     """Cases of one dog as CSV: where the dog and each sheep start, in sides of the arena."""
-    shares = jnp.concatenate([drawn.dogs, drawn.sheep], axis=1) / world.arena.size
+    shares = jnp.concatenate([drawn.dogs, drawn.sheep], axis=1) / world.arena.sides
     who = ["dog", *(f"sheep{number}" for number in range(1, drawn.sheep.shape[1] + 1))]
     head = [f"{name}_{axis}" for name in who for axis in "xy"]
     # Nine digits bring every float32 back.

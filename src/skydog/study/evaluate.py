@@ -80,7 +80,7 @@ def scenario(
     the sheepdog's card calls it; one that was trained in another way keeps a name of its own.
     Another flock than the paper's 3 sheep and 1 dog is in the name too.
     """
-    flown = f"{world.arena.size:g}x{world.arena.size:g}"
+    flown = "{:g}x{:g}".format(*world.arena.plain_sides)
     name = f"{type(shepherd).__name__}-{flown}"
     if isinstance(shepherd, Strombom):
         name = f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"

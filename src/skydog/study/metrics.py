@@ -74,18 +74,19 @@ def fewest_steps(trace: Trace) -> Float[Array, ""]:
 
     NaN where no such bound is known: for a law under which a sheep may exceed its speed, such as
     `LiteralFlock`, or of one's own; for another `end` than the paper's; for bodies with physics;
-    for a start outside the walls.
+    among obstacles; for a start outside the walls.
     """
     world, sheep, dogs = trace.world, trace.sheep[0], trace.dogs[0]
     arena, speed = world.arena, jnp.asarray(world.sheep.speed)
     normalised = type(world.flock) in (PaperFlock, StrombomFlock)
-    if not normalised or type(world.end) is not AllHome or trace.poses is not None:
+    odd = trace.poses is not None or world.obstacles is not None
+    if not normalised or type(world.end) is not AllHome or odd:
         return jnp.asarray(jnp.nan)
     away = norm(sheep - herding.goal(arena)) - arena.goal_radius
     stride = jnp.where(speed > 0.0, speed * arena.dt, jnp.inf)
     longest = jnp.max(_whole_steps(away, stride))
     fewest = jnp.where(longest > 0.0, longest + _steps_of_rest(world, sheep, dogs), 1.0)
-    inside = jnp.all((sheep >= 0.0) & (sheep <= arena.size))
+    inside = jnp.all((sheep >= 0.0) & (sheep <= arena.sides))
     inside &= jnp.all(dogs == herding.within_airspace(world, dogs))
     return jnp.where(inside, fewest, jnp.nan)
 

@@ -59,27 +59,32 @@ function arena(canvas, root) {
 
   /** Walls, grid with metres (from `zero` or the first line), and the goal within the walls. */
   function ground(zero = true) {
-    const { size, goal, radius } = world, corner = at([0, size]), wide = size * zoom;
+    const { size, height = size, obstacles = [], goal, radius } = world;
+    const walls = [...at([0, height]), size * zoom, height * zoom];
     pen.save();
-    pen.beginPath(); pen.rect(...corner, wide, wide); pen.clip();
+    pen.beginPath(); pen.rect(...walls); pen.clip();
     disc(goal, radius * zoom);
     fill("goal", 0.14); stroke("goal", 1.5, 0.8);
     pen.restore();
     const rough = 10 ** Math.floor(Math.log10(size / 4));
     const tick = [5, 2, 1].map((n) => n * rough).find((n) => size / n >= 3);
     pen.font = "12px system-ui, sans-serif"; pen.fillStyle = colours.ink;
-    for (let x = 0; x <= size + 1e-6; x += tick) {
+    for (let x = 0; x <= Math.max(size, height) + 1e-6; x += tick) {
       const label = +x.toFixed(6) + (x + tick > size ? " m" : "");
-      line([[x, 0], [x, size]]); stroke("ink", 1, 0.07);
-      line([[0, x], [size, x]]); stroke("ink", 1, 0.07);
+      const across = x <= size + 1e-6, up = x <= height + 1e-6;
+      if (across) { line([[x, 0], [x, height]]); stroke("ink", 1, 0.07); }
+      if (up) { line([[0, x], [size, x]]); stroke("ink", 1, 0.07); }
       pen.globalAlpha = 0.6;
       pen.textAlign = "center"; pen.textBaseline = "top";
-      if (x > 0 || zero) pen.fillText(label, at([x, 0])[0], at([x, 0])[1] + 5);
+      if (across && (x > 0 || zero)) pen.fillText(label, at([x, 0])[0], at([x, 0])[1] + 5);
       pen.textAlign = "right"; pen.textBaseline = "middle";
-      if (x > 0) pen.fillText(+x.toFixed(6), at([0, x])[0] - 5, at([0, x])[1]);
+      if (up && x > 0) pen.fillText(+x.toFixed(6), at([0, x])[0] - 5, at([0, x])[1]);
       pen.globalAlpha = 1;
     }
-    pen.beginPath(); pen.rect(...corner, wide, wide); stroke("arena", 1.5);
+    for (const [x, y, a, b, r] of obstacles) { // a line so thick, with round ends, is a capsule
+      line([[x, y], [a, b]]); stroke("arena", Math.max(2 * r * zoom, 1));
+    }
+    pen.beginPath(); pen.rect(...walls); stroke("arena", 1.5);
   }
 
   /** Where sheep see a dog: R_πβ about each, fainter the more there are. */

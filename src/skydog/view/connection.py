@@ -16,6 +16,7 @@ from skydog.view import session as sessions
 from skydog.view.messages import MOST_DOGS, MOST_SHEEP, parse, short
 from skydog.view.session import HOVER, SPEEDS, Session, Settings, Worlds
 from skydog.world.mission import Shepherd
+from skydog.world.options import SCENE_NAMES
 
 TICK = 1 / 60  # seconds between frames, at least
 HICCUP = 0.1  # seconds that a session makes up for at most, after a pause of the machine
@@ -70,6 +71,8 @@ class Pages:
     ):
         self.shepherds = shepherds
         self.worlds = worlds
+        own = [] if begin.scene is None or begin.scene in SCENE_NAMES else [begin.scene]
+        self.scenes = [*own, *SCENE_NAMES]
         self.cards = cards
         self.begin = begin
         self.compiled: set[tuple[Any, ...]] = set()
@@ -95,7 +98,7 @@ class Pages:
     async def _listen(self, socket: Any, inbox: Inbox) -> None:
         async for message in socket:
             try:
-                said = parse(message, list(self.shepherds), list(self.worlds))
+                said = parse(message, list(self.shepherds), list(self.worlds), self.scenes)
                 inbox.seen = max(inbox.seen, said.pop("seen", 0))
                 inbox.put(said)
             except Refusal as refusal:
@@ -185,6 +188,7 @@ class Pages:
             "presets": {
                 name: (maker.__doc__ or name).splitlines()[0] for name, maker in self.worlds.items()
             },
+            "scenes": self.scenes,
             "speeds": SPEEDS,
             "sheep": MOST_SHEEP,
             "dogs": MOST_DOGS,

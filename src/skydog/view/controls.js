@@ -61,6 +61,7 @@
       if (out) out.textContent = UNITS[box.className](+box.value);
     };
     put(".policy", settings.policy); put(".preset", settings.preset);
+    put(".scene", settings.scene ?? OPEN);
     put(".size", world.size); put(".sheep", settings.sheep); put(".dogs", settings.dogs);
     put(".speed", nearest(settings.speed));
     for (const noise of ["noise", "perception", "actuation"]) put(`.${noise}`, settings[noise]);
@@ -107,7 +108,7 @@
     const box = canvas.getBoundingClientRect();
     return [event.clientX - box.left - canvas.clientLeft, event.clientY - box.top - canvas.clientTop];
   };
-  const clamp = (p, beyond) => p.map((x) => Math.min(Math.max(x, -beyond), world.size + beyond));
+  const clamp = (p, beyond) => p.map((x, axis) => Math.min(Math.max(x, -beyond), [world.size, world.height][axis] + beyond));
 
   function point(event) {
     const place = picture.place(pointed(event));
@@ -203,6 +204,7 @@
   };
   find(".policy").onchange = (event) => say({ policy: event.target.value });
   find(".preset").onchange = (event) => say({ preset: event.target.value });
+  find(".scene").onchange = (event) => say({ scene: event.target.value === OPEN ? null : event.target.value });
   find(".size").onchange = (event) => say({ arena: event.target.valueAsNumber });
   for (const radio of document.querySelectorAll("[name=mode]")) radio.onchange = () => {
     say({ mode: radio.value });

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Rectangle
+from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from skydog import files
@@ -21,7 +21,7 @@ from skydog.learning.history import Curve
 from skydog.study import metrics
 from skydog.study.progress import Row
 from skydog.view.colours import ROLES
-from skydog.view.ground import drawn
+from skydog.view.ground import drawn, obstacles, outline
 from skydog.view.style import drawing
 from skydog.world import herding
 from skydog.world.params import World
@@ -181,12 +181,13 @@ def ground(axes: Axes, world: World, limits: tuple[float, float]) -> None:
     `limits` are the least and the greatest coordinate to show, in metres.
     """
     arena = world.arena
-    size, radius = float(arena.size), drawn(float(arena.goal_radius), limits[1] - limits[0])
+    radius = drawn(float(arena.goal_radius), limits[1] - limits[0])
     goal = tuple(herding.goal(arena).tolist())
-    walls = Rectangle((0, 0), size, size, fill=False, edgecolor=ROLES["arena"])
+    walls = Rectangle((0, 0), *arena.plain_sides, fill=False, edgecolor=ROLES["arena"])
     disc = Circle(goal, radius, facecolor=ROLES["goal"], alpha=0.15)
     rim = Circle(goal, radius, fill=False, edgecolor=ROLES["goal"], linewidth=0.8)
-    for patch in (disc, rim, walls):
+    solid = [Polygon(outline(each), color=ROLES["arena"]) for each in obstacles(world)]
+    for patch in (disc, rim, walls, *solid):
         axes.add_patch(patch)
     disc.set_clip_path(walls)
     rim.set_clip_path(walls)
@@ -200,7 +201,7 @@ def extent(world: World, *paths: Float[Array, "*instants 2"]) -> tuple[float, fl
     """The least and the greatest coordinate to show, in metres: the arena and the paths."""
     flown = np.concatenate([np.ravel(path) for path in paths])
     lowest = min(0.0, float(flown.min()))
-    highest = max(float(world.arena.size), float(flown.max()))
+    highest = max(*world.arena.plain_sides, float(flown.max()))
     margin = 0.04 * (highest - lowest)
     return lowest - margin, highest + margin
 

@@ -4,6 +4,7 @@
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   const KEEP = 240; // points of a trail
   const REACH = 26; // pixels within which a pointer takes hold
+  const OPEN = "none"; // of the scenes
   const PLAY = "M4 2v12l10-6z", PAUSE = "M3 2h4v12H3zM9 2h4v12H9z";
 
   let socket, hello, settings, world, start = 0, frames = 0;
@@ -61,6 +62,7 @@
     const fill = (select, names) => select.replaceChildren(...names.map((n) => new Option(n, n)));
     fill(find(".policy"), hello.policies);
     fill(find(".preset"), Object.keys(hello.presets));
+    fill(find(".scene"), [OPEN, ...hello.scenes]);
     find(".sheep").max = hello.sheep; find(".dogs").max = hello.dogs;
     find(".speed").max = hello.speeds.length - 1;
     if (settings) { // the server was away: go on where this page was
@@ -200,9 +202,10 @@
 
   // The picture holds the arena and whoever flies beyond it, and widens slowly.
   function pan(shown, elapsed) {
-    const size = world.size, margin = 0.06 * size, fit = () => [-margin, size + margin];
+    const size = Math.max(world.size, world.height), margin = 0.06 * size;
+    const fit = (side) => [-margin, side + margin];
     const outside = shown.flatMap(({ dogs, subgoal }) => [...dogs, ...subgoal]);
-    camera ??= [0, 1].map(() => ({ now: fit(), then: fit() }));
+    camera ??= [world.size, world.height].map((side) => ({ now: fit(side), then: fit(side) }));
     if (held || aim) return false; // nothing slips away under the hand
     const part = still.matches ? 1 : 1 - Math.exp(-elapsed / 180);
     let off = 0;

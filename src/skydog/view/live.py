@@ -50,6 +50,7 @@ def serve(
     goal: Point | None = None,
     goal_radius: float | None = None,
     cards: Cards | None = None,
+    scene: str | None = None,
 ) -> Server:
     """Serve the live view, from a thread of its own: returns at once, also in a notebook.
 
@@ -59,7 +60,7 @@ def serve(
     that is free. Raises `Refusal` for a world that cannot be, and for an address that cannot be
     listened at.
     """
-    begin = opening(shepherds, chosen, preset, arena, sheep, dogs, worlds, goal, goal_radius)
+    begin = opening(shepherds, chosen, preset, arena, sheep, dogs, worlds, goal, goal_radius, scene)
     return Server(listening(Pages(shepherds, begin, worlds, cards or {}), host, port))
 
 
@@ -73,6 +74,7 @@ def opening(
     worlds: Worlds = PRESETS,
     goal: Point | None = None,
     goal_radius: float | None = None,
+    scene: str | None = None,
 ) -> Settings:
     """What a page begins with. Raises `Refusal` for what the live view does not show."""
     if chosen not in shepherds:
@@ -89,11 +91,11 @@ def opening(
     if preset not in worlds:
         raise Refusal(f"no preset is called {preset!r}; choose from {', '.join(worlds)}")
     if arena is not None:
-        make(worlds[preset], float(arena), sheep, goal, goal_radius)
+        make(worlds[preset], float(arena), sheep, goal, goal_radius, scene)
     if arena is not None and arena > LONGEST_ARENA:
         raise Refusal(f"arena must be at most {LONGEST_ARENA:g} m, got {arena}; try --arena 20")
     begin = sessions.with_preset(Settings(policy=chosen, sheep=sheep), preset, worlds)
     begin = replace(begin, arena=None if arena is None else float(arena), sheep=sheep, dogs=dogs)
-    begin = replace(begin, goal=goal, goal_radius=goal_radius)
+    begin = replace(begin, goal=goal, goal_radius=goal_radius, scene=scene)
     sessions.new(begin, worlds)
     return begin

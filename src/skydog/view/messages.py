@@ -1,7 +1,7 @@
 """The messages of a page of the live view, each value checked and within bounds."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from skydog.errors import Refusal
@@ -15,7 +15,9 @@ LONGEST = 4096  # characters of a message that are read
 Check = Callable[[Any], Any]
 
 
-def parse(message: str | bytes, policies: list[str], worlds: list[str]) -> dict[str, Any]:
+def parse(
+    message: str | bytes, policies: list[str], worlds: list[str], scenes: Sequence[str] = ()
+) -> dict[str, Any]:
     """A message of a page, its values checked. Raises `Refusal` for anything else."""
     if isinstance(message, bytes):
         raise Refusal("a message is text; send JSON, not bytes")
@@ -30,6 +32,7 @@ def parse(message: str | bytes, policies: list[str], worlds: list[str]) -> dict[
     checks = _CHECKS | {
         "policy": _choice("policy", policies),
         "preset": _choice("preset", worlds),
+        "scene": _choice("scene", [None, *scenes]),
     }
     unknown = sorted(set(said) - set(checks))
     if unknown:

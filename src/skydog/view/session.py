@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from skydog import numerics
 from skydog.errors import Refusal
 from skydog.view import ground
-from skydog.world import herding, mission, params
+from skydog.world import herding, mission, params, scenes
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.presets import PRESETS, Point, make
@@ -40,6 +40,7 @@ class Settings:
 
     policy: str
     preset: str = "paper"  # or the name of a world of one's own
+    scene: str | None = None  # obstacles: the name of a scene, or its file
     arena: float | None = None  # None is as wide as the flock needs
     goal: Point | None = None  # None is the world's own
     goal_radius: float | None = None
@@ -103,7 +104,7 @@ class Session:
     def kind(self) -> tuple[Any, ...]:
         """What the compiled `fly` depends on."""
         chosen = self.settings
-        return chosen.preset, chosen.sheep, chosen.dogs, chosen.policy
+        return chosen.preset, chosen.scene, chosen.sheep, chosen.dogs, chosen.policy
 
     @property
     def rests(self) -> bool:
@@ -153,6 +154,8 @@ def update(session: Session, message: dict[str, Any]) -> Session:
                 f"{settings.arena:g} m is too short; try {_roomy(settings, session.worlds):g}"
             )
         settings = replace(settings, arena=None)  # the flock outgrew it
+    if "scene" in message:
+        settings = replace(settings, arena=None, goal=None)
     if settings.goal and "goal" not in message and _outside(settings, session):
         settings = replace(settings, goal=None)
     if "step" in message:
@@ -160,7 +163,7 @@ def update(session: Session, message: dict[str, Any]) -> Session:
 
     begins = any(
         getattr(settings, name) != getattr(session.settings, name)
-        for name in ("preset", "arena", "sheep", "dogs", "case")
+        for name in ("preset", "scene", "arena", "sheep", "dogs", "case")
     )
     races = "race" in (settings.mode, session.settings.mode)
     begins |= races and (settings.mode, settings.policy) != (
@@ -270,9 +273,11 @@ def view(session: Session) -> dict[str, Any]:
 
 def _world(settings: Settings, worlds: Worlds) -> World:
     """The world that the settings ask for, its numbers as arrays: none of them compiles anew."""
-    size = _roomy(settings, worlds) if settings.arena is None else settings.arena
+    size = settings.arena
+    if size is None and settings.scene is None:
+        size = _roomy(settings, worlds)
     goal = settings.goal, settings.goal_radius
-    world = make(worlds[settings.preset], size, settings.sheep, *goal)
+    world = make(worlds[settings.preset], size, settings.sheep, *goal, settings.scene)
     noise = settings.perception, settings.actuation
     world = eqx.tree_at(lambda w: (w.dog.perception_noise, w.dog.actuation_noise), world, noise)
     # A law of one's own need not know of noise; what each sheep has its own of, stays.
@@ -300,6 +305,8 @@ def _roomy(settings: Settings, worlds: Worlds) -> float:
 def _outside(settings: Settings, session: Session) -> bool:
     """Whether the goal lies outside the arena that the settings ask for."""
     side = settings.arena or _roomy(settings, session.worlds)
+    if settings.scene is not None:
+        side = min(session.world.arena.plain_sides)
     return settings.goal is not None and max(settings.goal) > side * (1 + 1e-6)
 
 
@@ -314,18 +321,19 @@ def _holding(session: Session, held: tuple[str, int, tuple[float, float]] | None
     if held is None or not session.flights:
         return replace(session, held=None)
     who, number, place = held
-    size = float(session.world.arena.size)
     many = {"goal": 1, "dog": session.settings.dogs, "sheep": session.settings.sheep}[who]
     if number >= many:
         raise Refusal(f"this world has {many} {who}, counted from 0; nobody is {who} {number}")
     beyond = float(session.world.dog.airspace) if who == "dog" else 0.0
-    x, y = (min(max(at, -beyond), size + beyond) for at in place)
+    sides = session.world.arena.plain_sides
+    x, y = (min(max(at, -beyond), side + beyond) for at, side in zip(place, sides, strict=True))
     if who == "goal":
         settings = replace(session.settings, goal=(x, y))
         place = jnp.asarray((x, y), jnp.float32)
         world = eqx.tree_at(
             lambda w: (w.arena.goal_x, w.arena.goal_y), session.world, (place[0], place[1])
         )
+        world = params.traced(scenes.with_home(world))
         return replace(session, held=None, settings=settings, world=world)
     if session.settings.mode == "race":
         raise Refusal("in a race you cannot drag anybody; fly the dog instead")

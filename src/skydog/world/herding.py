@@ -127,4 +127,4 @@ def gate(
 def within_airspace(world: World, position: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"]:
     """The nearest positions where dogs may fly."""
     beyond = world.dog.airspace
-    return jnp.clip(position, -beyond, world.arena.size + beyond)
+    return jnp.clip(position, -beyond, world.arena.sides + beyond)

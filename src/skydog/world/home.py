@@ -1,9 +1,11 @@
-"""Which way is home: by default the straight line to the goal."""
+"""Which way is home: by default the straight line to the goal, or the way around obstacles."""
 
 import equinox as eqx
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
-from skydog.world import herding
+from skydog.world import herding, obstacles
+from skydog.world.field import Field
 from skydog.world.params import Way, World
 from skydog.world.vectors import norm, unit
 
@@ -24,3 +26,49 @@ class StraightHome(eqx.Module):
             stray_distance=norm(from_centre),
             push_direction=-unit(from_centre),
         )
+
+
+# A flock that is divided is driven as one body only if the way home of each of its sheep makes at
+# most this angle with their mean: cos 45°, rounded (ours).
+ONE_WAY = 0.7
+# Else its rearmost are pushed: those at most this share of f(N) before the last (ours).
+REAR = 0.3
+
+
+class AroundHome(eqx.Module):
+    """Around obstacles: the shortest way of each sheep, from a field over the arena (ours).
+
+    While all sheep are in sight of their centre, they are gathered as in the open, and then driven
+    along the centre's way home. A flock that an obstacle divides is pushed sheep by sheep, each
+    along its own way: a sheep strays by how much further its way is than that of the foremost,
+    and the rearmost count as strays even if that is less than f(N).
+    """
+
+    field: Field
+
+    def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
+        """Who strays, where to push it and where to drive. `sheep` are positions in metres."""
+        distance, direction = self.field.at(sheep)
+        centre = herding.gcm(sheep)
+        centre_distance, centre_direction = self.field.at(centre[None])
+        behind = distance - jnp.min(distance)
+        gathered = herding.gathered_radius(world, len(sheep))
+        together = jnp.max(norm(sheep - centre)) <= gathered
+        together &= jnp.min(direction @ unit(jnp.mean(direction, axis=0))) >= ONE_WAY
+        lag = jnp.maximum((1.0 + REAR) * gathered - jnp.max(behind), 0.0)
+        stray, push = behind + jnp.where(together, 0.0, lag), direction
+        if world.obstacles is not None:
+            middle = jnp.broadcast_to(centre, sheep.shape)
+            seen = ~jnp.any(obstacles.passed(world.obstacles, sheep, middle))
+            stray = jnp.where(seen, norm(sheep - centre), stray)
+            push = jnp.where(seen, -unit(sheep - centre), push)
+        return Way(
+            drive_direction=centre_direction[0],
+            distance_home=centre_distance[0],
+            stray_distance=stray,
+            push_direction=push,
+        )
+
+    def reaches(self, places: Float[Array, "some 2"]) -> Bool[Array, " some"]:
+        """Whether there is a way home from each place."""
+        return self.field.reaches(places)

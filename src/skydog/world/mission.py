@@ -11,12 +11,13 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog import numerics, quantities
 from skydog.errors import Refusal
-from skydog.world import herding, params
+from skydog.world import herding, obstacles, params
 from skydog.world.params import Dog, World
 from skydog.world.state import State, start
 from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Ending, Trace
 from skydog.world.vectors import column
 
+TRIES = 64  # of a place that is drawn into an obstacle
 MAX_STEPS = 1000  # paper, "Deep neural network structure": the longest episode
 
 Shepherd = Callable[[World, State], Float[Array, "dogs 2"]]
@@ -59,18 +60,85 @@ def reset(world: World, key: PRNGKeyArray, sheep: int = 3, dogs: int = 1) -> Sta
 
     For the goal in the corner (0, 0) the sheep are uniform in [L/2, 0.95 L]², the quarter
     opposite, as in Strömbom 2014; the paper does not print its starts. On an axis on which the
-    goal is in the middle they are uniform in [0.05 L, 0.95 L].
+    goal is in the middle they are uniform in [0.05 L, 0.95 L]. A scene says itself where they are.
     """
     sheep, dogs = quantities.SHEEP.checked(sheep), quantities.DOGS.checked(dogs)
     for_sheep, for_dogs = jax.random.split(key)
-    size = world.arena.size
-    share = herding.goal(world.arena) / size
-    least = jnp.clip(0.5 - 0.9 * share, 0.05, 0.5)
-    most = jnp.clip(0.95 - 0.9 * (share - 0.5), 0.5, 0.95)
     return start(
-        size * jax.random.uniform(for_sheep, (sheep, 2), minval=least, maxval=most),
-        size * jax.random.uniform(for_dogs, (dogs, 2)),
+        draw_sheep(world, for_sheep, sheep, *opposite(world)), draw_dogs(world, for_dogs, dogs)
     )
+
+
+def opposite(world: World) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+    """Where sheep start by themselves, in shares of the sides: least and greatest x and y.
+
+    In the world's `start`, if it has one, and else opposite the goal.
+    """
+    sides = world.arena.sides
+    if world.start is not None:
+        place = jnp.asarray(world.start)
+        return place[:2] / sides, place[2:] / sides
+    share = herding.goal(world.arena) / sides
+    least = jnp.clip(0.5 - 0.9 * share, 0.05, 0.5)
+    return least, jnp.clip(0.95 - 0.9 * (share - 0.5), 0.5, 0.95)
+
+
+def draw_sheep(
+    world: World,
+    key: PRNGKeyArray,
+    sheep: int,
+    least: Float[Array, "2"] | float = 0.0,
+    most: Float[Array, "2"] | float = 1.0,
+) -> Float[Array, "sheep 2"]:
+    """Places for sheep, uniform between two shares of the sides, from where there is a way home.
+
+    Metres. One who is drawn into an obstacle is drawn again, `TRIES` times at most.
+    """
+    sides = world.arena.sides
+    drawn = sides * jax.random.uniform(key, (sheep, 2), minval=least, maxval=most)
+    if world.obstacles is None:
+        return drawn
+    return _redrawn(
+        drawn,
+        lambda again: sides * jax.random.uniform(again, (sheep, 2), minval=least, maxval=most),
+        lambda places: _can_stand(world, places),
+        key,
+    )
+
+
+def draw_dogs(world: World, key: PRNGKeyArray, dogs: int) -> Float[Array, "dogs 2"]:
+    """Places for dogs, uniform in the arena, in metres; outside what they have to go around."""
+    sides = world.arena.sides
+    drawn = sides * jax.random.uniform(key, (dogs, 2))
+    walls = world.obstacles
+    if walls is None or not walls.tall:
+        return drawn
+    return _redrawn(
+        drawn,
+        lambda again: sides * jax.random.uniform(again, (dogs, 2)),
+        lambda places: obstacles.clearance(walls, places) >= 0.0,
+        key,
+    )
+
+
+def _can_stand(world: World, places: Float[Array, "sheep 2"]) -> Bool[Array, " sheep"]:
+    assert world.obstacles is not None
+    free = obstacles.clearance(world.obstacles, places) >= 0.0
+    reaches = getattr(world.home, "reaches", None)
+    return free if reaches is None else free & reaches(places)
+
+
+def _redrawn(
+    drawn: Float[Array, "some 2"],
+    draw: Callable[[PRNGKeyArray], Float[Array, "some 2"]],
+    fits: Callable[[Float[Array, "some 2"]], Bool[Array, " some"]],
+    key: PRNGKeyArray,
+) -> Float[Array, "some 2"]:
+    def again(number: Int[Array, ""], places: Float[Array, "some 2"]) -> Float[Array, "some 2"]:
+        others = draw(jax.random.fold_in(key, number))
+        return jnp.where(fits(places)[:, None], places, others)
+
+    return jax.lax.fori_loop(0, TRIES, again, drawn)
 
 
 def fastest(dog: Dog, direction: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"]:
@@ -170,11 +238,13 @@ def move(
         velocity = velocity + world.dog.actuation_noise * jax.random.normal(key, velocity.shape)
     speed = column(world.sheep.speed, len(state.sheep))
     sheep = state.sheep + speed * world.arena.dt * force
-    return State(
-        sheep=jnp.clip(sheep, 0.0, world.arena.size),
-        dogs=herding.within_airspace(world, state.dogs + world.arena.dt * velocity),
-        force=force,
-    )
+    sheep = jnp.clip(sheep, 0.0, world.arena.sides)
+    dogs = herding.within_airspace(world, state.dogs + world.arena.dt * velocity)
+    if world.obstacles is not None:
+        sheep = obstacles.moved(world.obstacles, state.sheep, sheep)
+        if world.obstacles.tall:
+            dogs = obstacles.moved(world.obstacles, state.dogs, dogs)
+    return State(sheep=sheep, dogs=dogs, force=force)
 
 
 @numerics.untraced

@@ -9,3 +9,6 @@ PRESET_NAMES = (
     "strombom2014-sqrt",
 )
 """The names of `skydog.world.presets.PRESETS`."""
+
+SCENE_NAMES = ("gate", "corridor", "u-trap", "maze", "clutter")
+"""The names of `skydog.world.scenes.SCENES`."""

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 from skydog.errors import Refusal, short
 from skydog.world.laws import Flock
 from skydog.world.limits import AnyDirection, Limits
+from skydog.world.obstacles import Obstacles
 from skydog.world.spread import Spread
 from skydog.world.state import State
 from skydog.world.vectors import PerSheep, Scalar
@@ -41,13 +42,33 @@ class Dog(eqx.Module):
 
 
 class Arena(eqx.Module):
-    """The square that the sheep cannot leave, and the goal. Metres and seconds."""
+    """The square, or rectangle, that the sheep cannot leave, and the goal. Metres and seconds."""
 
-    size: Scalar  # L: the length of a side
+    size: Scalar  # L: the length of a side; of a rectangle the one along x
     goal_x: Scalar = 0.0
     goal_y: Scalar = 0.0
     goal_radius: Scalar = 2.0  # 𝔻: every sheep must come as near as this to the goal
     dt: Scalar = 0.1
+    height: Scalar | None = None  # the side along y; None is a square
+
+    @property
+    def sides(self) -> Float[Array, "2"] | Scalar:
+        """The sides along x and y, in metres; of a square the one number for both."""
+        if self.height is None:
+            return self.size
+        return jnp.stack([jnp.asarray(self.size), jnp.asarray(self.height)])
+
+    @property
+    def scale(self) -> Scalar:
+        """How large it is, in metres: the side of the square with the same diagonal."""
+        if self.height is None:
+            return self.size
+        return jnp.sqrt(0.5 * (jnp.square(self.size) + jnp.square(self.height)))
+
+    @property
+    def plain_sides(self) -> tuple[float, float]:
+        """The sides along x and y, in metres, of an arena that is not traced."""
+        return float(self.size), float(self.size if self.height is None else self.height)
 
 
 class Way(eqx.Module):
@@ -97,6 +118,9 @@ class World(eqx.Module):
     spread: Any  # f(N), for gate and success: a `skydog.world.spread.Spread`
     home: Any  # which way is home: a `Home`
     end: Any  # when a mission is accomplished: an `End`
+    obstacles: Obstacles | None = None  # what stands in the arena
+    # Where sheep start that are not placed otherwise: least x and y, greatest x and y, in metres.
+    start: Float[Array, "*batch 4"] | Float[np.ndarray, "4"] | None = None
 
 
 def check(world: World) -> World:

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 
 from skydog import quantities
 from skydog.errors import Refusal, short
+from skydog.world import scenefile, scenes
 from skydog.world.end import AllHome
 from skydog.world.home import StraightHome
 from skydog.world.laws.literal import LiteralFlock
@@ -159,16 +161,18 @@ def preset(
     sheep: int = 3,
     goal: Point | None = None,
     goal_radius: float | None = None,
+    scene: str | Path | None = None,
 ) -> World:
     """A world by the name of its preset, for `sheep` sheep in an arena of `arena` metres.
 
     `goal`, x and y, and its radius 𝔻 are in metres too; what is None is the preset's own.
+    `scene` puts it among obstacles: the name of a scene, or a file (`skydog.world.scenes`).
     Raises `Refusal` for an unknown name, an arena that is not wider than the goal's radius, a
     goal outside the arena, or a flock of fewer than one sheep.
     """
     if not isinstance(name, str) or name not in PRESETS:
         raise Refusal(f"no preset is called {short(name)}; choose from {', '.join(PRESETS)}")
-    return make(PRESETS[name], arena, sheep, goal, goal_radius)
+    return make(PRESETS[name], arena, sheep, goal, goal_radius, scene)
 
 
 def make(
@@ -177,28 +181,45 @@ def make(
     sheep: int = 3,
     goal: Point | None = None,
     goal_radius: float | None = None,
+    scene: str | Path | None = None,
 ) -> World:
     """The world that a function of `arena` and `sheep` makes, as the presets are.
 
-    What is None is the function's own. Raises `Refusal` as `preset` does, and for a law without
-    its methods.
+    What is None is the function's own; a scene has a goal of its own. Raises `Refusal` as `preset`
+    does, and for a law without its methods.
     """
     sheep = quantities.SHEEP.checked(sheep)
-    given = {} if arena is None else {"arena": quantities.ARENA.checked(arena)}
-    world = check(maker(sheep=sheep, **given))
     if goal_radius is not None:
-        radius = quantities.GOAL_RADIUS.checked(goal_radius)
-        world = replace(world, arena=replace(world.arena, goal_radius=radius))
-    radius, size = world.arena.goal_radius, world.arena.size
-    if not radius < size:
-        raise Refusal(
-            f"arena must be longer than {radius:g} m (the goal disc), got {size}; "
-            f"try --arena {2 * radius:g}"
-        )
-    quantities.ARENA.checked(size)
-    own = world.arena.goal_x, world.arena.goal_y
-    placed = _with_goal(world, own if goal is None else goal)
-    return world if goal is None else placed
+        goal_radius = quantities.GOAL_RADIUS.checked(goal_radius)
+    if arena is not None:
+        arena = quantities.ARENA.checked(arena)
+    if scene is not None:
+        return _in_scene(maker, arena, sheep, goal, goal_radius, scene)
+    world = check(maker(sheep=sheep, **({} if arena is None else {"arena": arena})))
+    return _with_goal(world, goal, goal_radius)
+
+
+def _in_scene(
+    maker: Callable[..., World],
+    arena: float | None,
+    sheep: int,
+    goal: Point | None,
+    goal_radius: float | None,
+    scene: str | Path,
+) -> World:
+    own = check(maker(sheep=sheep))
+    if str(scene) not in scenes.SCENES and Path(scene).suffix:
+        if arena is not None:
+            raise Refusal(f"the scene {scene} has an arena of its own; leave out --arena {arena:g}")
+        place = scenefile.read(Path(scene))
+    else:
+        radius = own.arena.goal_radius if goal_radius is None else goal_radius
+        side = math.ceil(scenes.ROOM * float(radius)) if arena is None else arena
+        place = scenes.named(str(scene), side, scenes.passage(own))
+    wide = quantities.ARENA.checked(max(place.sides))
+    quantities.ARENA.checked(min(place.sides))
+    world = scenes.placed(check(maker(sheep=sheep, arena=wide)), place)
+    return scenes.with_home(_with_goal(world, goal, goal_radius))
 
 
 def with_nearness(world: World, nearness: float) -> World:
@@ -225,16 +246,35 @@ def has_own_goal(world: World, name: str, sheep: int) -> bool:
     return (here.goal_x, here.goal_y, here.goal_radius) == (own.goal_x, own.goal_y, own.goal_radius)
 
 
-def _with_goal(world: World, goal: Any) -> World:
-    size = float(world.arena.size)
+def _with_goal(world: World, goal: Any, goal_radius: float | None) -> World:
+    """The world with its goal at another place or of another radius; None is its own."""
+    if goal_radius is not None:
+        world = replace(world, arena=replace(world.arena, goal_radius=goal_radius))
+    radius, sides = world.arena.goal_radius, world.arena.plain_sides
+    if not radius < min(sides):
+        raise Refusal(
+            f"arena must be longer than {radius:g} m (the goal disc), got {min(sides):g}; "
+            f"try --arena {2 * radius:g}"
+        )
+    for side in sides:
+        quantities.ARENA.checked(side)
+    placed = _moved_goal(world, (world.arena.goal_x, world.arena.goal_y) if goal is None else goal)
+    return world if goal is None else placed
+
+
+def _moved_goal(world: World, goal: Any) -> World:
+    sides = world.arena.plain_sides
     try:
         x, y = (float(at) for at in goal)
     except (TypeError, ValueError, OverflowError):
         raise Refusal(f"a goal is x and y in metres, got {short(goal)}; try (4, 4)") from None
     # A side that was rounded to float32 may be a little longer.
-    if isinstance(goal, str) or not all(0.0 <= at <= size * (1 + 1e-6) for at in (x, y)):
+    within = all(0.0 <= at <= side * (1 + 1e-6) for at, side in zip((x, y), sides, strict=True))
+    if isinstance(goal, str) or not within:
+        wide, high = sides
+        reach = f"from 0 to {wide:g} m on each axis" if wide == high else f"{wide:g} x {high:g} m"
         raise Refusal(
-            f"the goal lies in the arena, from 0 to {size:g} m on each axis, got {x:g},{y:g}; "
-            f"try --goal {size:g},{size:g}"
+            f"the goal lies in the arena, {reach}, got {x:g},{y:g}; try --goal {wide:g},{high:g}"
         )
-    return replace(world, arena=replace(world.arena, goal_x=min(x, size), goal_y=min(y, size)))
+    x, y = min(x, sides[0]), min(y, sides[1])
+    return replace(world, arena=replace(world.arena, goal_x=x, goal_y=y))

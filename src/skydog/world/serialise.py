@@ -12,12 +12,14 @@ import numpy as np
 
 from skydog.errors import Refusal, short
 from skydog.world.end import AllHome
-from skydog.world.home import StraightHome
+from skydog.world.home import AroundHome, StraightHome
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
 from skydog.world.limits import AnyDirection, PerAxis
+from skydog.world.obstacles import MOST_OBSTACLES, Obstacles
 from skydog.world.params import Arena, Dog, Sheep, World
+from skydog.world.scenes import with_home
 from skydog.world.spread import FixedSpread, SquareRootSpread, TwoThirdsSpread
 from skydog.world.vectors import PerSheep
 
@@ -25,7 +27,7 @@ LARGEST = 1e9  # of a world's parameters in a file: far from where float32 overf
 MOST_SHEEP = 1_000_000  # numbers of a parameter that each sheep has its own of
 MOST_KEPT = 100_000  # numbers of a parameter that a file keeps
 LONGEST_NAME = 200  # characters of the name of a law of one's own
-POSITIVE = ("arena.size", "arena.dt")
+POSITIVE = ("arena.size", "arena.height", "arena.dt")
 OWN = "own: "  # how the name of a law begins that is none of ours
 
 PARTS: dict[str, Any] = {"sheep": Sheep, "dog": Dog, "arena": Arena}
@@ -39,7 +41,7 @@ LAWS: dict[str, dict[str, Any]] = {
         "sqrt(2N)": SquareRootSpread,
         "fixed": FixedSpread,
     },
-    "home": {"straight line": StraightHome},
+    "home": {"straight line": StraightHome, "around obstacles": AroundHome},
     "end": {"all home and gathered": AllHome},
 }
 """The laws that a world may carry in each place, by the name that stands in a file."""
@@ -79,26 +81,38 @@ def flatten(world: World, sheep: int | None = None) -> dict[str, Plain]:
         fixed = FixedSpread(float(world.spread.radius(sheep)))
         values = {name: value for name, value in values.items() if not name.startswith("spread.")}
         _flatten(values, "spread", fixed)
+    if world.arena.height is None:
+        del values["arena.height"]
+    if world.obstacles is not None:
+        values["obstacles.ends"] = _plain(jnp.ravel(world.obstacles.ends))
+        values["obstacles.radius"] = _plain(world.obstacles.radius)
+        values["obstacles.tall"] = world.obstacles.tall
+    if world.start is not None:
+        values["start"] = _plain(world.start)
     return values
 
 
 def unflatten(values: dict[str, Any]) -> World:
     """The inverse of `flatten`. Raises `Refusal` if a name is missing, unknown or no number.
 
-    A law that is none of ours comes back as an `UnknownLaw`. Worlds of files that were written
-    before worlds carried their laws are read too.
+    A law that is none of ours comes back as an `UnknownLaw`; the way around obstacles is computed
+    anew. Worlds of files that were written before worlds carried their laws are read too.
     """
     values = _upgraded(values)
     dog = {"limits": _law(values, "dog.limits")}
-    return World(
+    around = values.get("home.law") == "around obstacles"
+    world = World(
         flock=_law(values, "flock"),
         sheep=_module(values, "sheep", Sheep),
         dog=_module(values, "dog", Dog, dog),
         arena=_module(values, "arena", Arena),
         spread=_law(values, "spread"),
-        home=_law(values, "home"),
+        home=StraightHome() if around else _law(values, "home"),
         end=_law(values, "end"),
+        obstacles=_obstacles(values),
+        start=_numbers("start", values["start"], 4, 4) if "start" in values else None,
     )
+    return with_home(world) if around else world
 
 
 def law_name(place: str, law: object) -> str:
@@ -161,6 +175,25 @@ def _law(values: dict[str, Any], place: str) -> Any:
     return UnknownLaw(printable, known)
 
 
+def _obstacles(values: dict[str, Any]) -> Obstacles | None:
+    if not any(name.startswith("obstacles.") for name in values):
+        return None
+    ends, radius, tall = (values.get(f"obstacles.{name}") for name in ("ends", "radius", "tall"))
+    each = _numbers("obstacles.radius", radius, 0, MOST_OBSTACLES)
+    places = _numbers("obstacles.ends", ends, 4 * len(each), 4 * len(each))
+    if type(tall) is not bool or np.any(each < 0.0):
+        raise Refusal(f"{short((radius, tall))} are no radii of obstacles")
+    return Obstacles(jnp.asarray(places.reshape(-1, 2, 2)), jnp.asarray(each), tall)
+
+
+def _numbers(name: str, values: Any, least: int, most: int) -> np.ndarray:
+    if not isinstance(values, list) or not least <= len(values) <= most:
+        raise Refusal(f"{short(values)} is no value for the world parameter {name}")
+    if not all(_number(one) for one in values):
+        raise Refusal(f"the world parameter {name} holds what is no number: {short(values)}")
+    return np.asarray(values, np.float32)
+
+
 def _module(
     values: dict[str, Any],
     place: str,
@@ -193,6 +226,8 @@ def _value(name: str, value: Any, kind: Any) -> Any:
     if isinstance(value, list) and kind == PerSheep and 1 <= len(value) <= MOST_SHEEP:
         if all(_number(one) for one in value):
             return np.asarray(value, np.float32)
+    elif name == "arena.height" and value is None:
+        return None
     elif name == "flock.neighbours":
         if value is None or (type(value) is int and 1 <= value <= MOST_SHEEP):
             return value
@@ -209,11 +244,11 @@ def _number(value: Any) -> bool:
 def _upgraded(values: dict[str, Any]) -> dict[str, Any]:
     """The values as they are written today.
 
-    Before, the furthest stray was always the one to collect; and still before, the flock held
-    what is now a law's choice.
+    A square arena has no height. Before, the furthest stray was always the one to collect; and
+    still before, the flock held what is now a law's choice.
     """
     if "dog.speed" in values:
-        values = {"dog.nearness": 0.0, **values}
+        values = {"dog.nearness": 0.0, "arena.height": None, **values}
     if "flock.literal_forces" not in values:
         return values
     values = dict(values)
