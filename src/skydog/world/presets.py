@@ -214,7 +214,7 @@ def _in_scene(
         place = scenefile.read(Path(scene))
     else:
         radius = own.arena.goal_radius if goal_radius is None else goal_radius
-        side = math.ceil(scenes.ROOM * float(radius)) if arena is None else arena
+        side = float(math.ceil(scenes.ROOM * float(radius))) if arena is None else arena
         place = scenes.named(str(scene), side, scenes.passage(own))
     wide = quantities.ARENA.checked(max(place.sides))
     quantities.ARENA.checked(min(place.sides))
