@@ -94,8 +94,8 @@ def _mission(site: Site, world: World) -> Iterator[Line]:
         f"mission {asked.preset}: arena {size:g} × {size:g} m, goal {goal}, {len(site.ugv)} "
         f"rovers, a decision every {dt:g} s, at most {asked.steps} of them, {asked.steps * dt:g} s",
     )
-    if asked.sheepdog == "strombom":
-        yield Line(True, "the rule dog strombom, which learns nothing")
+    if asked.sheepdog in finding.RULES:
+        yield Line(True, f"the rule dog {asked.sheepdog}, which learns nothing")
         return
     try:
         card = store.read(asked.sheepdog)[1]

@@ -43,15 +43,13 @@ class ElFiqi(eqx.Module):
             herding.gathered_radius(world, len(state.sheep)),
         )
         clear = flock + world.dog.collecting + self._reach(world)
-        off = jnp.abs(_turn(_bearing(ahead), _bearing(subgoal - centre)))
+        off = jnp.abs(turn(bearing(ahead), bearing(subgoal - centre)))
         circles = (norm(ahead) < clear) & (off > ALIGNED)
-        turn = _turn(_bearing(dogs), _bearing(ahead))
         # Whole steps of TURN, until the dog has turned as far as it would have flying straight.
-        turn = jnp.sign(turn) * TURN * jnp.ceil(jnp.abs(turn) / TURN)
-        bearing = _bearing(dogs) + turn
+        turned = turn(bearing(dogs), bearing(ahead))
+        turned = jnp.sign(turned) * TURN * jnp.ceil(jnp.abs(turned) / TURN)
         radius = jnp.minimum(clear, norm(dogs) + dt * norm(straight))
-        place = radius[:, None] * jnp.stack([jnp.cos(bearing), jnp.sin(bearing)], axis=-1)
-        around = (place - dogs) / dt
+        around = (place(bearing(dogs) + turned, radius) - dogs) / dt
         return limited(world.dog, jnp.where(circles[:, None], around, straight))
 
     def _reach(self, world: World) -> Scalar:
@@ -66,11 +64,16 @@ class ElFiqi(eqx.Module):
         )
 
 
-def _bearing(place: Float[Array, "dogs 2"]) -> Float[Array, " dogs"]:
-    """The angle of a place seen from the origin, in radians."""
-    return jnp.arctan2(place[:, 1], place[:, 0])
+def bearing(places: Float[Array, "dogs 2"]) -> Float[Array, " dogs"]:
+    """The angle of each place seen from the origin, in radians."""
+    return jnp.arctan2(places[:, 1], places[:, 0])
 
 
-def _turn(start: Float[Array, " dogs"], end: Float[Array, " dogs"]) -> Float[Array, " dogs"]:
+def place(bearings: Float[Array, " dogs"], radius: Float[Array, " dogs"]) -> Float[Array, "dogs 2"]:
+    """The places of these bearings, in radians, that are `radius` metres from the origin."""
+    return radius[:, None] * jnp.stack([jnp.cos(bearings), jnp.sin(bearings)], axis=-1)
+
+
+def turn(start: Float[Array, " dogs"], end: Float[Array, " dogs"]) -> Float[Array, " dogs"]:
     """The shorter turn from one bearing to another, in radians, -π to π."""
     return (end - start + math.pi) % (2 * math.pi) - math.pi
