@@ -64,9 +64,7 @@ def test_bearings_on_either_side_of_west_are_near_each_other(off):
     world = replace(WORLD, arena=replace(WORLD.arena, goal_x=50.0, goal_y=20.0))
     dog = at(math.pi + off, CLEAR - 1.0)
     way = np.array([25.0 - F - 4.0, 20.0]) - dog
-    np.testing.assert_allclose(
-        velocity(dog, world), 2.0 * way / np.linalg.norm(way), atol=1e-4
-    )
+    np.testing.assert_allclose(velocity(dog, world), 2.0 * way / np.linalg.norm(way), atol=1e-4)
 
 
 def test_a_reach_of_its_own_makes_the_circle_wider():

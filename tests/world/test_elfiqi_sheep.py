@@ -19,6 +19,13 @@ from skydog.world.state import State
 
 LAW = preset("elfiqi2020").flock
 CLOSE = 1e-3
+RANGES = {  # the least, and by how much it may be more
+    "avoidance": (0.1, 1.5),
+    "sensing": (1.0, 5.0),
+    "neighbourhood": (0.5, 4.0),
+    "decay": (0.0, 4.0),
+    "reach": (1.0, 10.0),
+}
 
 
 def length(v):
@@ -80,17 +87,11 @@ def force(law, state):
 @st.composite
 def laws(draw, count):
     """A law whose parameters are numbers, or one of each for each sheep."""
-    ranges = {
-        "avoidance": (0.1, 1.5),
-        "sensing": (1.0, 5.0),
-        "neighbourhood": (0.5, 4.0),
-        "decay": (0.0, 4.0),
-        "reach": (1.0, 10.0),
-    }
     each = draw(st.booleans())
     values = {}
     for name in vars(LAW):
-        number = st.integers(0, 16).map(lambda k, r=ranges.get(name, (0.0, 2.0)): r[0] + k * r[1] / 16)
+        low, wide = RANGES.get(name, (0.0, 2.0))
+        number = st.integers(0, 16).map(lambda k, low=low, wide=wide: low + k * wide / 16)
         drawn = draw(st.lists(number, min_size=count, max_size=count))
         values[name] = jnp.asarray(np.array(drawn if each else drawn[0], np.float32))
     return RegulatedFlock(**{**values, "noise": 0.0})
@@ -98,7 +99,7 @@ def laws(draw, count):
 
 @st.composite
 def scenes(draw):
-    state = draw(states(0.0, 4.0))
+    state = draw(states(0.0, 4.0, shapes=[(1, 1), (3, 2), (5, 1)]))
     return draw(laws(len(state.sheep))), state
 
 

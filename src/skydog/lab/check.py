@@ -11,7 +11,7 @@ from skydog.lab import setup, topics, vicon
 from skydog.lab.lookout import TAKES_OFF
 from skydog.lab.preflight import USED
 from skydog.lab.site import Mission, Site, UAVSite, UGVSite
-from skydog.shepherds import scope, store
+from skydog.shepherds import finding, scope, store
 from skydog.world.params import World
 
 OPEN = "keep that network to the laboratory: who is in it can send too"

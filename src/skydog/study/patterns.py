@@ -1,5 +1,6 @@
 """El-Fiqi's six patterns: how a flock of 100 starts, and who herds it in how many steps."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from jaxtyping import Array, Float, Int, Key
 
 from skydog import numerics, quantities
 from skydog.errors import Refusal, short
+from skydog.shepherds.arc import Arc
 from skydog.study import cases as draws
 from skydog.study import evaluate, statistics
 from skydog.study.options import Results, Track
@@ -51,6 +53,9 @@ THEIR_DOG, OURS = "elfiqi", "arc"
 NAMES = (THEIR_DOG, OURS, "strombom", "h-ddpg-4x4")
 """Who flies: the first is their dog, the others are compared with it."""
 
+FLOCKS = (10, 30, 200)
+FLOCK_CASES = 10  # of each pattern
+
 ELSEWHERE = {  # preset, side in metres, sheep
     "paper, 4 m, 3 sheep": ("paper", 4.0, 3),
     "paper, 6 m, 3 sheep": ("paper", 6.0, 3),
@@ -59,6 +64,21 @@ ELSEWHERE = {  # preset, side in metres, sheep
     "strombom2014, 150 m, 100 sheep": ("strombom2014", 150.0, 100),
 }
 """Worlds that nothing was tuned in."""
+
+
+def lesser(world: World) -> dict[str, Shepherd]:
+    """Our dog, and what it is without each of its parts, one at a time, as `elfiqi` has them."""
+    f, dog = world.spread.radius(SHEEP), world.dog
+    return {
+        "arc": Arc(),
+        "flies straight to its point": Arc(aligned=math.pi),
+        "flies around as far out": Arc(clearance=(dog.collecting + world.flock.reach) / f),
+        "collects the furthest stray": Arc(nearness=0.0),
+        "collects from f(N) on": Arc(gathered=1.0),
+        "stands as far behind": Arc(
+            driving=dog.driving * math.sqrt(SHEEP) / f, collecting=dog.collecting / f
+        ),
+    }
 
 
 @numerics.ours()
@@ -81,18 +101,28 @@ def cases(
     key = jax.random.key(quantities.SEED.checked(seed))
     keys = jax.random.split(key, quantities.CASES.checked(count))
     sheep, dogs = quantities.SHEEP.checked(sheep), quantities.DOGS.checked(dogs)
-    return _drawn(params.traced(world), keys, jnp.asarray(PATTERNS[pattern]), sheep, dogs)
+    cells = PATTERNS[pattern]
+    # All patterns in one shape, so that what is compiled for one serves all.
+    padded = jnp.resize(jnp.asarray(cells), GRID * GRID)
+    return _drawn(params.traced(world), keys, padded, jnp.asarray(len(cells)), sheep, dogs)
 
 
 @eqx.filter_jit
 def _drawn(
-    world: World, keys: Key[Array, " cases"], cells: Int[Array, " cells"], sheep: int, dogs: int
+    world: World,
+    keys: Key[Array, " cases"],
+    cells: Int[Array, " cells"],
+    count: Int[Array, ""],
+    sheep: int,
+    dogs: int,
 ) -> State:
     def draw(key: Key[Array, ""]) -> State:
         for_cell, for_place, for_dogs = jax.random.split(key, 3)
-        cell = jax.random.choice(for_cell, cells, (sheep,))
+        cell = cells[jax.random.randint(for_cell, (sheep,), 0, count)]
         corner = jnp.stack([cell % GRID, cell // GRID], axis=-1)
-        place = SHEEP_FROM + SHEEP_WIDE * (corner + jax.random.uniform(for_place, (sheep, 2))) / GRID
+        place = (
+            SHEEP_FROM + SHEEP_WIDE * (corner + jax.random.uniform(for_place, (sheep, 2))) / GRID
+        )
         low, high = jnp.asarray(DOGS_FROM), jnp.asarray(DOGS_TO)
         dog = low + (high - low) * jax.random.uniform(for_dogs, (dogs, 2))
         return start(world.arena.size * place, world.arena.size * dog)
@@ -116,10 +146,11 @@ def fly_all(
     The figures, and the first mission of each pattern and shepherd, with walls.
     """
     world = preset("elfiqi2020", sheep=SHEEP)
-    results: Results = {"patterns": {}, "without walls": {}, "elsewhere": {}}
+    parts = ("patterns", "without walls", "lesser", "flocks", "elsewhere")
+    results: Results = {part: {} for part in parts}
     first: dict[str, dict[str, Trace]] = {}
     for pattern in track("On the six patterns", PATTERNS):
-        starts = cases(world, pattern)
+        starts = cases(world, pattern, CASES, SEED, SHEEP)
         results["patterns"][pattern] = {"least": statistics.summary(_least(world, starts))}
         flown = {name: _flown(fly, world, dog, starts) for name, dog in shepherds.items()}
         results["patterns"][pattern] |= _rows(flown)
@@ -127,6 +158,16 @@ def fly_all(
         wide, moved = unfenced(world, starts)
         flown = {name: _flown(fly, wide, shepherds[name], moved) for name in (THEIR_DOG, OURS)}
         results["without walls"][pattern] = _rows(flown)
+        results["lesser"][pattern] = {
+            name: _figures(evaluate.measure(_flown(fly, world, dog, starts)))
+            for name, dog in lesser(world).items()
+        }
+    for sheep in track("Flocks of other sizes", FLOCKS):
+        other = preset("elfiqi2020", sheep=sheep)
+        drawn = [cases(other, pattern, FLOCK_CASES, SEED, sheep) for pattern in PATTERNS]
+        starts = jax.tree.map(lambda *each: jnp.concatenate(each), *drawn)
+        flown = {name: _flown(fly, other, dog, starts) for name, dog in shepherds.items()}
+        results["flocks"][f"{sheep} sheep"] = _rows(flown)
     for name, (where, size, sheep) in track("In other worlds", ELSEWHERE.items()):
         other = preset(where, size, sheep)
         starts = draws.cases(other, CASES, "random", SEED, sheep)

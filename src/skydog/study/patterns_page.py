@@ -18,39 +18,44 @@ CAPTION = (
 )
 
 INTRODUCTION = (
-    "El-Fiqi et al. 2020 (“The Limits of Reactive Shepherding Approaches for Swarm Guidance”, IEEE "
-    "Access 8) start 100 sheep in six patterns, P1 to P6, on a field of 50 m × 50 m. The dog starts "
-    "near the goal, which is the disc of 10 m around (25, 50). A mission is accomplished when every "
-    "sheep is in the disc. Sheep move 1 m in a step, the dog 2 m.",
-    "The shepherd `elfiqi` is their dog, rebuilt: see [`ElFiqi`](#skydog.shepherds.elfiqi.ElFiqi). "
-    "The shepherd `arc` is ours: see [`Arc`](#skydog.shepherds.arc.Arc). All fly the same starts in "
-    "the preset `elfiqi2020`, at the same speed limits.",
+    "El-Fiqi et al. 2020 (“The Limits of Reactive Shepherding Approaches for Swarm Guidance”, "
+    "IEEE Access 8) start 100 sheep in six patterns, P1 to P6, on a field of 50 m × 50 m. The dog "
+    "starts near the goal, which is the disc of 10 m around (25, 50). A mission is accomplished "
+    "when every sheep is in the disc. Sheep move 1 m in a step, the dog 2 m.",
+    "Their sheep are the law [`RegulatedFlock`](#skydog.world.laws.elfiqi.RegulatedFlock). They "
+    "group with those within 3 m, and flee from a dog at any distance; the nearer it is, the "
+    "more. Their dog, rebuilt, is the shepherd `elfiqi` "
+    "([`ElFiqi`](#skydog.shepherds.elfiqi.ElFiqi)). The shepherd `arc` is ours "
+    "([`Arc`](#skydog.shepherds.arc.Arc)). All fly the same starts in the preset `elfiqi2020`, at "
+    "the same speed limits.",
 )
 
 NOTES = (
-    "“As printed” are the steps that the authors report for their own program, a mean of ten "
+    "“As printed” are the steps that the authors report for their own program: a mean of ten "
     "missions, all of them accomplished (github.com/Hebaelfiqi/Shepherding, "
-    "docs/web_simulator_validation.md, built natively; built for the browser it takes 360 steps on "
-    "P4). “Least” are the steps in which the sheep with the longest way could go straight to the "
-    "disc if a dog stood behind it from the start.",
-    "Success has its Wilson 95 % interval. Steps are mean ± SD with the bootstrap 95 % interval of "
-    f"the mean; a mission that fails counts with all its {patterns.STEPS:,} steps. The last table "
-    "of steps has the difference to `elfiqi`, paired by start.",
+    "docs/web_simulator_validation.md, built natively; built for the browser, the same program "
+    "takes 360 steps on P4). “Least” are the steps in which the sheep with the longest way could "
+    "go straight to the disc, if a dog stood behind it from the start.",
+    "Success has its Wilson 95 % interval. Steps are mean ± SD with the bootstrap 95 % interval "
+    f"of the mean; a mission that fails counts with all its {patterns.STEPS:,} steps. The "
+    "differences to `elfiqi` are paired by start, with intervals of the same kind.",
     "`arc` differs from `elfiqi` in four ways. It flies around the flock close to the outermost "
-    "sheep and at full speed; their circle is 14 m wider than the flock, and they turn 0.1 rad in a "
-    "step on it. It collects the stray at hand; they collect the furthest. It collects from 2/3 "
-    "f(N) on; they from f(N) on. It stands nearer: f(N)/2 behind the flock's centre and 2/3 f(N) "
-    "behind a stray, where they stand f(N) + 4 m and 4 m behind. Its six numbers were tuned on "
-    "starts of other seeds, and rounded; steps change by a few per cent if one of them changes by "
-    "a third.",
-    "What their description leaves open, and what we did: their field has no walls and ours has; "
-    "the table without walls shows that this does not matter. On its circle their dog may fly "
-    "faster than its 2 m a step, up to 40 %; ours keeps the limit. Their program compares bearings "
-    "without the jump from π to -π in mind; ours with it. Their dog's jitter is uniform; ours is "
-    "normal, with the same SD. The draws of the starts are ours.",
+    "sheep, at full speed; their circle is 14 m wider than the flock, and on it they turn 0.1 rad "
+    "in a step. It collects the stray at hand; they collect the furthest. It collects from 2/3 "
+    "f(N) on; they collect from f(N) on. It stands nearer: f(N)/2 behind the flock's centre and "
+    "2/3 f(N) behind a stray; they stand f(N) + 4 m and 4 m behind. The table of its parts gives "
+    "it one part of theirs at a time.",
+    "The six numbers of `arc` were found by a search on these patterns, on starts of other seeds, "
+    "and then rounded to simple fractions. They are shares of f(N), so that it has no metres of "
+    "its own. The last two tables are of flocks and worlds in which nothing was tuned.",
+    "What their description leaves open, and what we did. Their field has no walls; ours has, and "
+    "the table without walls shows that it does not matter. On its circle their dog may fly "
+    "faster than its 2 m a step, by some 40 % where it flies outwards too; ours keeps its limit. "
+    "Their program takes bearings of π and -π for opposite; ours does not. The jitter of their "
+    "dog is uniform; ours is normal, with the same SD. The draws of the starts are ours.",
     "They report that Strömbom's model accomplishes 43 of 60 missions on these patterns. That is "
-    "no figure to compare with `strombom` here: there the sheep follow Strömbom's forces too, and "
-    "the dog stalls.",
+    "no figure to compare with `strombom` here: in theirs the sheep follow Strömbom's forces too, "
+    "and the dog stalls.",
 )
 
 
@@ -61,6 +66,11 @@ def _success(row: Results) -> str:
 
 def _steps(row: Results) -> str:
     return report.figure(row["steps"], ".0f")
+
+
+def _difference(summary: Results) -> str:
+    low, high = summary["ci95"]
+    return f"{summary['mean']:+.0f}\n[{low:+.0f}, {high:+.0f}]"
 
 
 def _names(results: Results) -> list[str]:
@@ -113,7 +123,7 @@ def difference_table(results: Results) -> Table:
     body = [
         [
             pattern,
-            *(report.figure(rows[name]["less than theirs"], "+.0f") for name in names),
+            *(_difference(rows[name]["less than theirs"]) for name in names),
         ]
         for pattern, rows in results["patterns"].items()
     ]
@@ -145,7 +155,13 @@ def sections(results: Results) -> dict[str, list[Table]]:
             steps_table(results),
             difference_table(results),
         ],
+        "What each part of arc is worth": [other_table(results["lesser"], "success, steps")],
         "Without walls": [other_table(results["without walls"], "success, steps")],
+        "Flocks of other sizes": [
+            other_table(
+                results["flocks"], f"{patterns.FLOCK_CASES} missions a pattern: success, steps"
+            )
+        ],
         "In worlds that nothing was tuned in": [
             other_table(results["elsewhere"], f"{patterns.CASES} random starts: success, steps")
         ],
