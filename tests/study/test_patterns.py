@@ -4,7 +4,6 @@ import pytest
 
 from skydog.errors import Refusal
 from skydog.shepherds import finding, rules
-from skydog.study import evaluate, patterns, patterns_page
 from skydog.study.patterns import PATTERNS, cases, unfenced
 from skydog.world import herding
 from skydog.world.presets import preset
@@ -65,42 +64,3 @@ def test_a_name_that_no_rule_has_is_that_of_a_sheepdog():
     assert card["kind"] == "sheepdog"
     with pytest.raises(Refusal, match="no sheepdog is called nobody"):
         rules.read("nobody")
-
-
-@pytest.fixture(scope="module")
-def study(unchecked):
-    """The whole study, of a few sheep, two missions a cell and few steps."""
-    with pytest.MonkeyPatch.context() as few:
-        few.setattr(patterns, "SHEEP", 4)
-        few.setattr(patterns, "CASES", 2)
-        few.setattr(patterns, "FLOCKS", (4,))
-        few.setattr(patterns, "FLOCK_CASES", 2)
-        few.setattr(patterns, "STEPS", 300)
-        few.setattr(patterns, "PATTERNS", {"P1": PATTERNS["P1"]})
-        few.setattr(patterns, "ELSEWHERE", {"another": ("elfiqi2020", 60.0, 4)})
-        shepherds = {name: rules.read(name)[0] for name in ("elfiqi", "arc")}
-        yield patterns.fly_all(shepherds, evaluate.fly, lambda _, things: iter(list(things)))
-
-
-def test_the_study_has_a_row_for_each_shepherd_in_every_part(study):
-    results, first = study
-    assert set(results["patterns"]["P1"]) == {"least", "elfiqi", "arc"}
-    assert set(results["without walls"]["P1"]) == {"elfiqi", "arc"}
-    assert set(results["lesser"]["P1"]) == set(patterns.lesser(WORLD))
-    assert set(results["flocks"]["4 sheep"]) == {"elfiqi", "arc"}
-    assert set(results["elsewhere"]["another"]) == {"elfiqi", "arc"}
-    assert first["P1"]["arc"].sheep.shape[1:] == (4, 2)
-    assert results["patterns"]["P1"]["elfiqi"]["less than theirs"]["mean"] == 0.0
-
-
-def test_arc_brings_a_small_flock_home_in_no_fewer_steps_than_the_least(study):
-    rows = study[0]["patterns"]["P1"]
-    assert rows["arc"]["success"] == 1.0
-    assert 15 <= rows["least"]["mean"] <= rows["arc"]["steps"]["mean"]
-
-
-def test_the_page_has_the_printed_figures_beside_ours(study):
-    text = patterns_page.document(study[0], "skydog reproduce --patterns")
-    assert "`skydog reproduce --patterns`" in text
-    assert "| P1 | 10 of 10, 81 |" in text
-    assert "![" in text

@@ -11,7 +11,11 @@ from skydog.study.options import Results
 from skydog.view import figures, replay
 from skydog.view import patterns as drawn
 from skydog.world import trace as traces
+from skydog.world.mission import Shepherd
 from skydog.world.presets import preset
+from skydog.world.trace import Trace
+
+SHOWN_STEPS = 300  # of a mission to replay, at most
 
 
 def run(out: Path, command: str) -> Results:
@@ -25,17 +29,22 @@ def run(out: Path, command: str) -> Results:
     figure = drawn.paths(first, patterns.OURS, patterns.THEIR_DOG)
     figures.save(figure, out / patterns_page.FIGURE)
     files.write_text(out / "patterns.md", patterns_page.document(results, command))
-    shown = {}
-    for pattern in patterns.PATTERNS:
-        world = preset("elfiqi2020", sheep=patterns.SHEEP)
-        name = f"{pattern}-{patterns.OURS}"
-        key = evaluate.noise_key(world, patterns.SEED)
-        flown = evaluate.fly(
-            world, shepherds[patterns.OURS], patterns.cases(world, pattern, 1), 300, key
-        )
-        shown[name] = evaluate.one_case(flown, 0)
-        traces.save(out / "traces" / f"{name}.safetensors", shown[name], name)
+    shown = _first_missions(shepherds[patterns.OURS])
+    for name, trace in shown.items():
+        traces.save(out / "traces" / f"{name}.safetensors", trace, name)
     page = patterns_page.page(results, figures.svg(figure), replay.player(shown), command)
     files.write_text(out / "report.html", page)
     console.say(f"Everything is in {out}; open {out / 'report.html'} in a browser.")
     return results
+
+
+def _first_missions(shepherd: Shepherd) -> dict[str, Trace]:
+    """The first mission on each pattern again, the sheep recorded at every step."""
+    world = preset("elfiqi2020", sheep=patterns.SHEEP)
+    key = evaluate.noise_key(world, patterns.SEED)
+    shown = {}
+    for pattern in patterns.PATTERNS:
+        starts = patterns.cases(world, pattern, 1, patterns.SEED, patterns.SHEEP)
+        flown = evaluate.fly(world, shepherd, starts, SHOWN_STEPS, key)
+        shown[f"{pattern}-{patterns.OURS}"] = evaluate.one_case(flown, 0)
+    return shown

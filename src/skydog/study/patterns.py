@@ -103,7 +103,7 @@ def cases(
     sheep, dogs = quantities.SHEEP.checked(sheep), quantities.DOGS.checked(dogs)
     cells = PATTERNS[pattern]
     # All patterns in one shape, so that what is compiled for one serves all.
-    padded = jnp.resize(jnp.asarray(cells), GRID * GRID)
+    padded = jnp.resize(jnp.asarray(cells), (GRID * GRID,))
     return _drawn(params.traced(world), keys, padded, jnp.asarray(len(cells)), sheep, dogs)
 
 
