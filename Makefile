@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical flown zoo lock clean
+.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns flown zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -54,6 +54,10 @@ reproduce: $(VENV)/run.stamp  ## Regenerate the paper's simulation study, and do
 physical: $(VENV)/dev.stamp  ## Regenerate the paper's physical study in the twin, and docs/physical.md
 	$(BIN)/skydog reproduce --physical $(ARGS)
 	cp runs/physical/physical.md docs
+
+patterns: $(VENV)/run.stamp  ## Regenerate the study of El-Fiqi's six patterns, and docs/patterns.md
+	$(BIN)/skydog reproduce --patterns $(ARGS)
+	cp runs/patterns/patterns.md runs/patterns/patterns.png docs
 
 flown: ros  ## Fly the laboratory's chain for an hour, and write docs/flown.md
 	$(BIN)/python benchmarks/lab.py --out docs/flown.md

@@ -101,6 +101,7 @@ def test_the_help_lists_every_command_and_does_not_import_jax():
         ("export h-ddpg-4x4 --onnx --goal 0,5", "0,5", "--goal 4,4"),
         ("export h-ddpg-4x4 --onnx --nearness nan", "nan", "--nearness 1"),
         ("watch --goal 1", "'1'", "--goal 4,4"),
+        ("reproduce --physical --patterns", "--physical and --patterns", "leave one of them out"),
         ("watch --goal 9,9", "9,9", "--goal 4,4"),
         ("watch --goal-radius 0", "got 0;", "--goal-radius 2"),
         ("watch --goal-radius nan", "nan", "--goal-radius 2"),
@@ -279,7 +280,7 @@ def test_presets_are_listed_with_their_values(skydog):
     code, out, _ = skydog("presets", "--json")
     assert code == 0
     assert json.loads(out)["paper"]["flock.sensing"] == 2.0
-    assert skydog("presets")[1].count("flock.") == 10
+    assert skydog("presets")[1].count("flock.") == 14
 
 
 # Sheepdogs and worlds of one's own

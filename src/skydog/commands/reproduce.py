@@ -23,6 +23,7 @@ def reproduce(
     episodes: Episodes = 3_000,
     from_zoo: bool = False,
     physical: bool = False,
+    patterns: bool = False,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study or its physical study, and compare with the paper.
@@ -34,11 +35,12 @@ def reproduce(
     Example: skydog reproduce --from-zoo
 
     Args:
-        out: The run folder; runs/reproduce, or runs/physical, if not given.
+        out: The run folder; runs/reproduce, runs/physical or runs/patterns if not given.
         seeds: Number of sheepdogs of each kind, one per seed.
         episodes: Training episodes of each skill; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
         physical: Repeat the paper's physical study, in the physics twin.
+        patterns: Fly the six patterns of El-Fiqi et al. 2020 instead; trains nothing.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -46,15 +48,24 @@ def reproduce(
     from skydog.study import evaluate
 
     command = console.command_line()
-    out = out or Path("runs/physical" if physical else "runs/reproduce")
+    if physical and patterns:
+        raise Refusal("--physical and --patterns are two studies; leave one of them out")
+    study = "physical" if physical else "patterns" if patterns else "reproduce"
+    out = out or Path("runs") / study
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
     if physical:
-        from skydog.commands import physical as study
+        from skydog.commands import physical as physics
         from skydog.study.physical import summary as table
 
         with files.claimed(out):
-            results = study.run(out, seeds, episodes, from_zoo, command)
+            results = physics.run(out, seeds, episodes, from_zoo, command)
+    elif patterns:
+        from skydog.commands import patterns as six
+        from skydog.study.patterns_page import summary as table
+
+        with files.claimed(out):
+            results = six.run(out, command)
     else:
         table = _table
         with files.claimed(out):

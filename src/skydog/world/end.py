@@ -20,3 +20,12 @@ class AllHome(eqx.Module):
         """Whether the mission is accomplished in this state."""
         home = norm(state.sheep - herding.goal(world.arena)) <= world.arena.goal_radius
         return jnp.all(home) & herding.gathered(world, state.sheep)
+
+
+class AllAtGoal(eqx.Module):
+    """Every sheep is within 𝔻 of the goal, gathered or not (El-Fiqi et al. 2020)."""
+
+    def accomplished(self, world: World, state: State) -> Bool[Array, ""]:
+        """Whether the mission is accomplished in this state."""
+        home = norm(state.sheep - herding.goal(world.arena)) <= world.arena.goal_radius
+        return jnp.all(home)

@@ -7,6 +7,7 @@ PRESET_NAMES = (
     "paper-physical",
     "strombom2014",
     "strombom2014-sqrt",
+    "elfiqi2020",
 )
 """The names of `skydog.world.presets.PRESETS`."""
 

@@ -11,8 +11,9 @@ import equinox as eqx
 from skydog import quantities
 from skydog.errors import Refusal, short
 from skydog.world import scenefile, scenes
-from skydog.world.end import AllHome
+from skydog.world.end import AllAtGoal, AllHome
 from skydog.world.home import StraightHome
+from skydog.world.laws.elfiqi import RegulatedFlock
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
@@ -145,6 +146,55 @@ def _strombom_arena(size: float, spread: Spread, sheep: int) -> Arena:
     return Arena(size=size, goal_radius=max(10.0, float(spread.radius(sheep))), dt=1.0)
 
 
+def elfiqi2020(arena: float = 50.0, sheep: int = 3) -> World:
+    """El-Fiqi et al. 2020 (IEEE Access 8), "Table 2", for a flock of any size; they fly 100.
+
+    The values are those of the program that its authors publish (Hebaelfiqi/Shepherding,
+    InputFiles/Config.xml and tools/native_battery.py). One step is one second here.
+    """
+    spread = SquareRootSpread(length=0.4)  # fNequation 1: f = Ra_pi_pi √(2N)
+    gap = 4.0  # R2
+    # S_t_beta_j times W_e_beta_j times eta: the most of each component of a uniform error.
+    jitter = 2.0 * 0.3 * 0.05
+    return World(
+        flock=RegulatedFlock(
+            avoidance=0.4,  # Ra_pi_pi
+            sensing=65.0,  # R_pi_beta
+            inertia=0.5,  # W_pi_upsilon
+            grouping=1.05,  # W_pi_Lambda
+            escape=1.0,  # W_pi_beta
+            repulsion=2.0,  # W_pi_pi
+            noise=0.3 * 0.05,  # W_e_pi_i times eta
+            neighbourhood=3.0,  # Rs_pi_pi
+            decay=2.0,  # ModulationDecayFactor
+            reach=10.0,  # R3
+            threat=2.0,  # S_t_beta_j, over the speed of a sheep
+        ),
+        sheep=Sheep(speed=1.0),  # S_t_pi_i, SheepAgent.h
+        dog=Dog(
+            speed=2.0,  # S_t_beta_j
+            # DrivingPositionEq 1: f + R2 behind the flock.
+            driving=(spread.radius(sheep) + gap) / math.sqrt(sheep),
+            collecting=gap,  # CollectingPositionEq 1: R2 behind the stray
+            airspace=arena,  # theirs knows no walls; ours keeps numbers finite
+            stall=0.0,  # StallingON 0
+            actuation_noise=jitter / math.sqrt(3.0),  # the SD of that uniform error
+            limits=AnyDirection(),
+        ),
+        arena=Arena(
+            size=arena,  # FieldWidth; theirs has no walls
+            goal_x=arena / 2,  # x of 25 in their field of 50
+            goal_y=arena,  # y of 50
+            # GoalRadius; a flock that fills a wider circle needs a wider goal (ours).
+            goal_radius=max(10.0, spread.radius(sheep)),
+            dt=1.0,
+        ),
+        spread=spread,
+        home=StraightHome(),
+        end=AllAtGoal(),  # PaddockON 0
+    )
+
+
 PRESETS: dict[str, Callable[..., World]] = {
     "paper": paper,
     "paper-w05": paper_w05,
@@ -152,6 +202,7 @@ PRESETS: dict[str, Callable[..., World]] = {
     "paper-physical": paper_physical,
     "strombom2014": strombom2014,
     "strombom2014-sqrt": strombom2014_sqrt,
+    "elfiqi2020": elfiqi2020,
 }
 
 

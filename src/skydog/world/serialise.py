@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from skydog.errors import Refusal, short
-from skydog.world.end import AllHome
+from skydog.world.end import AllAtGoal, AllHome
 from skydog.world.home import AroundHome, StraightHome
+from skydog.world.laws.elfiqi import RegulatedFlock
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
@@ -34,7 +35,12 @@ PARTS: dict[str, Any] = {"sheep": Sheep, "dog": Dog, "arena": Arena}
 """The parts of a world that are always of one kind."""
 
 LAWS: dict[str, dict[str, Any]] = {
-    "flock": {"paper": PaperFlock, "literal": LiteralFlock, "strombom2014": StrombomFlock},
+    "flock": {
+        "paper": PaperFlock,
+        "literal": LiteralFlock,
+        "strombom2014": StrombomFlock,
+        "elfiqi2020": RegulatedFlock,
+    },
     "dog.limits": {"per axis": PerAxis, "any direction": AnyDirection},
     "spread": {
         "N^(2/3)": TwoThirdsSpread,
@@ -42,7 +48,7 @@ LAWS: dict[str, dict[str, Any]] = {
         "fixed": FixedSpread,
     },
     "home": {"straight line": StraightHome, "around obstacles": AroundHome},
-    "end": {"all home and gathered": AllHome},
+    "end": {"all home and gathered": AllHome, "all at the goal": AllAtGoal},
 }
 """The laws that a world may carry in each place, by the name that stands in a file."""
 
