@@ -16,6 +16,7 @@ from skydog.world.home import StraightHome
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.laws.varied import VariedFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import Arena, Dog, Sheep, World
 from skydog.world.spread import FixedSpread, SquareRootSpread, TwoThirdsSpread
@@ -32,7 +33,12 @@ PARTS: dict[str, Any] = {"sheep": Sheep, "dog": Dog, "arena": Arena}
 """The parts of a world that are always of one kind."""
 
 LAWS: dict[str, dict[str, Any]] = {
-    "flock": {"paper": PaperFlock, "literal": LiteralFlock, "strombom2014": StrombomFlock},
+    "flock": {
+        "paper": PaperFlock,
+        "literal": LiteralFlock,
+        "strombom2014": StrombomFlock,
+        "varied": VariedFlock,
+    },
     "dog.limits": {"per axis": PerAxis, "any direction": AnyDirection},
     "spread": {
         "N^(2/3)": TwoThirdsSpread,
@@ -190,6 +196,8 @@ def _module(
 
 def _value(name: str, value: Any, kind: Any) -> Any:
     """The value of a parameter, checked. Raises `Refusal`."""
+    if kind == PerSheep | None:
+        return None if value is None else _value(name, value, PerSheep)
     if isinstance(value, list) and kind == PerSheep and 1 <= len(value) <= MOST_SHEEP:
         if all(_number(one) for one in value):
             return np.asarray(value, np.float32)
