@@ -23,6 +23,7 @@ from skydog.world.params import Arena, Sheep, World
 from skydog.world.presets import preset
 from skydog.world.spread import TwoThirdsSpread
 from skydog.world.state import State
+from skydog.world.vectors import Scalar
 
 # Of the radii, one after the other. At a constant 0.1 the radii come out up to 12 % too short;
 # at 0.01 the weights are still 10 % off, at 0.001 5 %. CMA on the hard radii takes twice as long
@@ -34,7 +35,7 @@ PARAMETERS = ("avoidance", "sensing", *WEIGHTS, "noise", "graze", "speed")
 # 2014, 0.5 + 1.05 + 1 + 2.
 SCALE = 4.55
 STROMBOM = VariedFlock(2.0, 65.0, 0.5, 1.05, 1.0, 2.0)
-STILL = 0.1  # of the fastest: a sheep that is slower stands, and has no heading
+STILL = 0.2  # of the fastest: a sheep that is slower stands, and has no heading
 FASTEST = 99  # per cent of the speeds are below the fastest; a measurement may jump
 HORIZON = 4  # steps ahead that are predicted
 RESAMPLES = 100  # of the bootstrap over events
@@ -104,8 +105,8 @@ def fit(
 
     def descend(vector: np.ndarray, softness: float, steps: int) -> Any:
         def loss(at: np.ndarray) -> tuple[float, np.ndarray]:
-            at = jnp.asarray(at, jnp.float32)
-            value, slope = _loss(at, around, heading, weighs, softness)
+            here = jnp.asarray(at, jnp.float32)
+            value, slope = _loss(here, around, heading, weighs, softness)
             return float(value), np.asarray(slope, float)
 
         options = {"maxiter": steps}
@@ -116,7 +117,7 @@ def fit(
         return found
 
     if begin is not None:
-        vector, rest, steps = _vector(begin, aligned), SOFTNESS[1::2], 20
+        vector, rest, steps = _vector(begin, aligned), SOFTNESS[-3:], 40
     else:
         # A sheep keeps its distance to the nearest; how far it sees may be anything.
         nearest = float(np.median(away.min(axis=0))) if len(away) > 1 else STROMBOM.avoidance
@@ -267,7 +268,7 @@ def _vector(flock: VariedFlock, aligned: bool) -> np.ndarray:
 @jax.jit
 @jax.value_and_grad
 def _loss(
-    vector: Array, around: Surroundings, heading: Array, weights: Array, softness: float
+    vector: Array, around: Surroundings, heading: Array, weights: Array, softness: Scalar
 ) -> Array:
     missed = smoothed_force(_flock(vector), around, softness) - heading
     each = jnp.mean(jnp.sum(missed * missed, axis=0), axis=0)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from skydog.world.laws import terms
 from skydog.world.laws.varied import VariedFlock
 from skydog.world.state import State
-from skydog.world.vectors import norm, unit
+from skydog.world.vectors import PerSheep, Scalar, norm, unit
 
 FAR = 1e9  # metres: where a sheep is from itself, so that it is never near
 
@@ -23,13 +23,13 @@ class Surroundings(eqx.Module):
     vectorises.
     """
 
-    distance: Float[Array, "others sheep moves"]
-    away: Float[Array, "2 others sheep moves"]
-    dog_distance: Float[Array, "dogs sheep moves"]
-    from_dogs: Float[Array, "2 dogs sheep moves"]
-    pull: Float[Array, "2 sheep moves"]
-    mean: Float[Array, "2 sheep moves"]  # the flockmates' direction
-    before: Float[Array, "2 sheep moves"]  # the force of the step before
+    distance: Float[Array, "others sheep *moves"]
+    away: Float[Array, "2 others sheep *moves"]
+    dog_distance: Float[Array, "dogs sheep *moves"]
+    from_dogs: Float[Array, "2 dogs sheep *moves"]
+    pull: Float[Array, "2 sheep *moves"]
+    mean: Float[Array, "2 sheep *moves"]  # the flockmates' direction
+    before: Float[Array, "2 sheep *moves"]  # the force of the step before
 
 
 @jax.jit
@@ -53,7 +53,7 @@ def surroundings(states: State) -> Surroundings:
 
 
 def smoothed_force(
-    flock: VariedFlock, around: Surroundings, softness: float | Array
+    flock: VariedFlock, around: Surroundings, softness: Scalar
 ) -> Float[Array, "2 sheep moves"]:
     """`flock.force` without noise, its radii smoothed over `softness` of their length.
 
@@ -68,10 +68,10 @@ def smoothed_force(
     if flock.alignment is not None:
         fear = fear + flock.alignment * around.mean
     total = flock.inertia * around.before + flock.repulsion * crowd + afraid * fear
-    return _unit(total) * (1.0 - (1.0 - afraid) * (1.0 - crowded))
+    return _unit(jnp.asarray(total)) * (1.0 - (1.0 - afraid) * (1.0 - crowded))
 
 
-def _near(distance: Array, radius: float | Array, softness: float | Array) -> tuple[Array, Array]:
+def _near(distance: Array, radius: PerSheep, softness: Scalar) -> tuple[Array, Array]:
     """How near each is, from 0 to 1, and how near any: 1 - Π (1 - near)."""
     within = (1.0 - distance / radius) / softness
     return jax.nn.sigmoid(within), 1.0 - jnp.exp(-jnp.sum(jax.nn.softplus(within), axis=0))

@@ -21,6 +21,8 @@ from scipy import io as matlab
 
 from skydog import files
 from skydog.errors import Refusal, short
+from skydog.world import trace as traces
+from skydog.world.trace import Trace
 
 LARGEST = 1 << 28  # bytes of a file, and of what is packed in it
 FARTHEST = 1e6  # metres and seconds
@@ -88,6 +90,14 @@ def read(path: Path) -> list[Event]:
                         f"{expected} in the first; give one flock a file"
                     )
     return events
+
+
+def of_trace(name: str, trace: Trace) -> Event:
+    """What one mission recorded, until it was accomplished, as an event."""
+    seen = traces.frames(trace)
+    until = traces.last_instant(seen) + 1
+    parts = (np.asarray(part[:until], float) for part in (seen.time, seen.sheep, seen.dogs))
+    return Event(name, [Piece(*parts)])
 
 
 def write(path: Path, events: list[Event]) -> None:
@@ -188,8 +198,10 @@ def _csv_rows(path: Path, lines: Any, head: list[str]) -> Iterator[Row]:
                     f"{path}, line {lines.line_num}: {short(kind)} is no kind; write sheep or dog"
                 )
             event = line[at["event"]].strip() if "event" in at else "1"
-            numbers = (_number(path, lines.line_num, line[at[name]]) for name in ("time", "x", "y"))
-            yield event, kind, line[at["id"]].strip(), *numbers
+            time, x, y = (
+                _number(path, lines.line_num, line[at[name]]) for name in ("time", "x", "y")
+            )
+            yield event, kind, line[at["id"]].strip(), time, x, y
     except csv.Error as problem:
         raise Refusal(f"{path}, line {lines.line_num}: {problem}") from None
 
@@ -207,12 +219,12 @@ def _read_dat(path: Path, content: bytes) -> list[Event]:
                     f"{path}, line {number}: {len(values)} columns, where sheepR.dat has trial, "
                     "tag, time, x and y"
                 )
-            trial, tag, *rest = (_number(path, number, value) for value in values)
+            trial, tag, time, x, y = (_number(path, number, value) for value in values)
             if not (tag.is_integer() and 1 <= tag <= JADHAV_TAGS):
                 raise Refusal(f"{path}, line {number}: no tag has the number {tag:g}")
             if tag <= JADHAV_DOG:
                 kind = "sheep" if tag <= JADHAV_SHEEP else "dog"
-                yield f"{trial:g}", kind, f"{tag:g}", *rest
+                yield f"{trial:g}", kind, f"{tag:g}", time, x, y
 
     return _events(path, rows())
 
@@ -281,13 +293,14 @@ def _events(path: Path, rows: Iterator[Row]) -> list[Event]:
     """The events of rows in any order."""
     events: dict[str, int] = {}
     who: dict[tuple[int, str, str], int] = {}
-    columns = array("q"), array("q"), array("d"), array("d"), array("d")
+    columns = [array("d") for _ in range(5)]  # floats hold every whole number up to 2^53
     for event, kind, name, time, x, y in rows:
         number = events.setdefault(event, len(events))
         animal = who.setdefault((number, kind, name), len(who))
         for column, value in zip(columns, (number, animal, time, x, y), strict=True):
             column.append(value)
     event_of, animal_of, time, x, y = (np.asarray(column) for column in columns)
+    animal_of = animal_of.astype(int)
     found = []
     for name, number in events.items():
         mine = (event_of == number) & np.isfinite(time)
