@@ -16,6 +16,7 @@ from tyro.conf import OmitArgPrefixes
 from skydog import __version__
 from skydog.commands import interrupts, streams
 from skydog.commands.export import export
+from skydog.commands.fit import fit
 from skydog.commands.flags import Misused
 from skydog.commands.herd import herd
 from skydog.commands.lab import lab
@@ -28,7 +29,7 @@ from skydog.commands.twin import twin
 from skydog.commands.watch import watch
 from skydog.errors import Refusal
 
-COMMANDS = (herd, train, test, twin, lab, reproduce, replay, watch, export, presets)
+COMMANDS = (herd, train, test, twin, lab, reproduce, replay, watch, fit, export, presets)
 REFUSED = 2
 UNWRITTEN = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EFBIG)
 CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)

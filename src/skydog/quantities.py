@@ -66,6 +66,9 @@ SPEED = Quantity("speed is a share from 0.001 to 1", 0.001, 1.0, "--speed 0.5", 
 WAIT = Quantity(
     "the distance to wait for is from 0.001 to 1,000 m", 0.001, 1e3, "--wait 0.1", whole=False
 )
+STEP = Quantity(
+    "a step of a fitted law lasts from 0.001 to 3,600 s", 0.001, 3600.0, "--step 0.5", whole=False
+)
 PORT = Quantity("a port is a whole number from 0 to 65535", 0, 65_535, "--port 8020")
 THREADS = Quantity("there are 1 to 1,024 threads, or 0 for all cores", 0, 1_024, "--threads 0")
 

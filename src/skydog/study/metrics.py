@@ -13,6 +13,7 @@ from skydog.world.end import AllHome
 from skydog.world.laws import terms
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.laws.varied import VariedFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import World
 from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Trace
@@ -78,7 +79,7 @@ def fewest_steps(trace: Trace) -> Float[Array, ""]:
     """
     world, sheep, dogs = trace.world, trace.sheep[0], trace.dogs[0]
     arena, speed = world.arena, jnp.asarray(world.sheep.speed)
-    normalised = type(world.flock) in (PaperFlock, StrombomFlock)
+    normalised = type(world.flock) in (PaperFlock, StrombomFlock, VariedFlock)
     odd = trace.poses is not None or world.obstacles is not None
     if not normalised or type(world.end) is not AllHome or odd:
         return jnp.asarray(jnp.nan)

@@ -1,7 +1,8 @@
-"""A world of your own, by the name that stands on a command line: FILE.py:NAME."""
+"""A world of your own, by the name that stands on a command line: FILE.py:NAME, or FILE.json."""
 
 import hashlib
 import inspect
+import json
 import sys
 import traceback
 from collections.abc import Callable
@@ -14,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from skydog import files
+from skydog import files, quantities
 from skydog.errors import Refusal
+from skydog.world import serialise
 from skydog.world.laws.terms import Weighted
 from skydog.world.params import World
 
@@ -23,24 +25,20 @@ LARGEST = 1 << 24  # bytes of a file
 
 
 def maker(reference: str) -> Callable[..., World]:
-    """The function of `arena` and `sheep` that makes the world FILE.py:NAME.
+    """The function of `arena` and `sheep` that makes the world FILE.py:NAME, or FILE.json.
 
     NAME is such a function, as the presets are, or a `World`, of which `arena` sets the side.
-    The file is run as the Python that it is: only load files that you trust. Raises `Refusal`
-    for a file or a name that is not there, that fails, or that is no world.
+    The file is run as the Python that it is: only load files that you trust. FILE.json is what
+    `write` wrote, and is not run. Raises `Refusal` for a file or a name that is not there, that
+    fails, or that is no world.
     """
+    if reference.endswith(".json"):
+        return _sized(*_read(Path(reference)), reference)
     file, name = _split(reference)
     module = _run(file.resolve())
     found = getattr(module, name, None)
     if isinstance(found, World):
-        count = _count(found)
-
-        def sized(arena: float | None = None, sheep: int = count) -> World:
-            size = found.arena.size if arena is None else arena
-            return replace(found, arena=replace(found.arena, size=size))
-
-        sized.__doc__ = f"{name} of {file.name}"
-        return sized
+        return _sized(found, _count(found), f"{name} of {file.name}")
     if not callable(found):
         worlds = [each for each, value in vars(module).items() if isinstance(value, World)]
         worlds += [
@@ -74,6 +72,44 @@ def maker(reference: str) -> Callable[..., World]:
     return made
 
 
+def write(path: Path, world: World, sheep: int) -> None:
+    """Write a world of laws that ship, for `sheep` sheep, as a file for --world.
+
+    Raises `Refusal` for a law of one's own, which no file can hold.
+    """
+    plain = serialise.flatten(world)
+    own = [name for name in plain.values() if str(name).startswith(serialise.OWN)]
+    if own:
+        raise Refusal(f"{own[0]} is a law that no file can hold; fly it with --world FILE.py:NAME")
+    card = {"kind": "world", "sheep": sheep, "world": plain}
+    files.write_text(path, json.dumps(card, indent=2, allow_nan=False) + "\n")
+
+
+def _read(file: Path) -> tuple[World, int]:
+    """The world of a file that `write` wrote, and its sheep. Raises `Refusal`."""
+    content = files.read_bytes(file, "world's file", LARGEST)
+    try:
+        card = json.loads(content)
+    except (ValueError, RecursionError):
+        card = None
+    if not isinstance(card, dict) or card.get("kind") != "world":
+        raise Refusal(f"{file} is no world of skydog; skydog fit writes one")
+    values = card.get("world")
+    world = serialise.unflatten(values if isinstance(values, dict) else {})
+    return world, quantities.SHEEP.checked(card.get("sheep"))
+
+
+def _sized(found: World, count: int, called: str) -> Callable[..., World]:
+    """The function that makes a world, with an arena of any side."""
+
+    def sized(arena: float | None = None, sheep: int = count) -> World:
+        size = found.arena.size if arena is None else arena
+        return replace(found, arena=replace(found.arena, size=size))
+
+    sized.__doc__ = called
+    return sized
+
+
 def sheep_of(maker: Callable[..., World]) -> int:
     """How many sheep a function that makes worlds has by itself; 3 if it does not say."""
     own = inspect.signature(maker).parameters.get("sheep")
@@ -82,13 +118,15 @@ def sheep_of(maker: Callable[..., World]) -> int:
 
 def title(reference: str) -> str:
     """What the world FILE.py:NAME is called in tables: its file's name, and NAME if not `world`."""
+    if reference.endswith(".json"):
+        return Path(reference).stem
     file, name = _split(reference)
     return file.stem if name == "world" else f"{file.stem}-{name}"
 
 
 def digest(reference: str) -> str:
     """The SHA-256 of the file in FILE.py:NAME: a changed law is another world."""
-    file, _ = _split(reference)
+    file = Path(reference) if reference.endswith(".json") else _split(reference)[0]
     return hashlib.sha256(files.read_bytes(file, "world's file", LARGEST)).hexdigest()
 
 
@@ -97,7 +135,7 @@ def _split(reference: str) -> tuple[Path, str]:
     file = Path(path)
     if not colon or file.suffix != ".py" or not name.isidentifier():
         raise Refusal(
-            f"a world of your own is named FILE.py:NAME, got {reference!r:.100}; "
+            f"a world of your own is named FILE.py:NAME or FILE.json, got {reference!r:.100}; "
             "try --world my_flock.py:world"
         )
     if not files.exists(file):

@@ -17,6 +17,7 @@ from skydog.world.laws.elfiqi import RegulatedFlock
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
+from skydog.world.laws.varied import VariedFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.obstacles import MOST_OBSTACLES, Obstacles
 from skydog.world.params import Arena, Dog, Sheep, World
@@ -40,6 +41,7 @@ LAWS: dict[str, dict[str, Any]] = {
         "literal": LiteralFlock,
         "strombom2014": StrombomFlock,
         "elfiqi2020": RegulatedFlock,
+        "varied": VariedFlock,
     },
     "dog.limits": {"per axis": PerAxis, "any direction": AnyDirection},
     "spread": {
@@ -229,6 +231,8 @@ def _module(
 
 def _value(name: str, value: Any, kind: Any) -> Any:
     """The value of a parameter, checked. Raises `Refusal`."""
+    if kind == PerSheep | None:
+        return None if value is None else _value(name, value, PerSheep)
     if isinstance(value, list) and kind == PerSheep and 1 <= len(value) <= MOST_SHEEP:
         if all(_number(one) for one in value):
             return np.asarray(value, np.float32)

@@ -30,7 +30,7 @@ class StrombomFlock(Weighted):
 
     def force(self, state: State, key: PRNGKeyArray | None) -> Float[Array, "sheep 2"]:
         """The normalised sum of normalised terms; a sheep that nothing disturbs may graze."""
-        total, disturbed = normalised_sum(self, state, self.neighbours)
+        total, disturbed = self.total(state)
         if key is None:
             return unit(jnp.where(disturbed, total, 0.0))
         sheep, count = state.sheep, len(state.sheep)
@@ -39,6 +39,10 @@ class StrombomFlock(Weighted):
         grazes = jax.random.bernoulli(for_grazing, column(self.graze, count), (count, 1))
         idle = jnp.where(grazes, terms.random_directions(for_direction, sheep), 0.0)
         return unit(jnp.where(disturbed, total, idle))
+
+    def total(self, state: State) -> tuple[Float[Array, "sheep 2"], Bool[Array, "sheep 1"]]:
+        """The sum of the terms without noise, and which sheep anything disturbs."""
+        return normalised_sum(self, state, self.neighbours)
 
 
 def normalised_sum(
@@ -49,13 +53,24 @@ def normalised_sum(
     Grouping and escape act on sheep that see a dog. A sheep that sees none and that no other
     pushes is not disturbed: inertia alone does not carry it.
     """
+    flee = unit(terms.escape(state.sheep, state.dogs, flock.sensing))
+    crowd = unit(terms.avoid(state.sheep, flock.avoidance))
+    return weighted_sum(flock, state, neighbours, flee, crowd)
+
+
+def weighted_sum(
+    flock: Weighted,
+    state: State,
+    neighbours: int | None,
+    flee: Float[Array, "sheep 2"],
+    crowd: Float[Array, "sheep 2"],
+) -> tuple[Float[Array, "sheep 2"], Bool[Array, "sheep 1"]]:
+    """`normalised_sum`, with the pushes of dogs and of other sheep as they are given."""
     sheep, dogs, count = state.sheep, state.dogs, len(state.sheep)
-    flee = terms.escape(sheep, dogs, flock.sensing)
-    crowd = terms.avoid(sheep, flock.avoidance)
     pull = terms.group(sheep, neighbours)
     afraid = jnp.any(terms.sees(sheep, dogs, flock.sensing), axis=1, keepdims=True)
     crowded = jnp.any(crowd != 0.0, axis=1, keepdims=True)
     total = column(flock.inertia, count) * state.force
-    total = total + column(flock.repulsion, count) * unit(crowd)
-    fear = column(flock.grouping, count) * pull + column(flock.escape, count) * unit(flee)
+    total = total + column(flock.repulsion, count) * crowd
+    fear = column(flock.grouping, count) * pull + column(flock.escape, count) * flee
     return total + jnp.where(afraid, fear, 0.0), afraid | crowded
