@@ -71,7 +71,7 @@ def parameters_table(found: Results) -> Table:
         low, high = each["ci95"]
         theirs = {"noise": 0.3, "graze": 0.05, "alignment": 0.0, "speed": 1.0}
         usual = theirs.get(name, getattr(fitting.STROMBOM, name, None))
-        shown = f"{each['value']:.3g} [{low:.3g}, {high:.3g}]"
+        shown = f"{each['value']:#.3g} [{low:#.3g}, {high:#.3g}]"
         table.add_row(name, shown, f"{usual:g}", MEANS[name])
     return table
 
