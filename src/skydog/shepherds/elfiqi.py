@@ -64,9 +64,9 @@ class ElFiqi(eqx.Module):
         )
 
 
-def bearing(places: Float[Array, "dogs 2"]) -> Float[Array, " dogs"]:
+def bearing(places: Float[Array, "*some 2"]) -> Float[Array, "*some"]:
     """The angle of each place seen from the origin, in radians."""
-    return jnp.arctan2(places[:, 1], places[:, 0])
+    return jnp.arctan2(places[..., 1], places[..., 0])
 
 
 def place(bearings: Float[Array, " dogs"], radius: Float[Array, " dogs"]) -> Float[Array, "dogs 2"]:
@@ -74,6 +74,6 @@ def place(bearings: Float[Array, " dogs"], radius: Float[Array, " dogs"]) -> Flo
     return radius[:, None] * jnp.stack([jnp.cos(bearings), jnp.sin(bearings)], axis=-1)
 
 
-def turn(start: Float[Array, " dogs"], end: Float[Array, " dogs"]) -> Float[Array, " dogs"]:
+def turn(start: Float[Array, "*some"], end: Float[Array, "*others"]) -> Float[Array, "*both"]:
     """The shorter turn from one bearing to another, in radians, -π to π."""
     return (end - start + math.pi) % (2 * math.pi) - math.pi

@@ -8,6 +8,7 @@ from skydog.shepherds import store
 from skydog.shepherds.arc import Arc
 from skydog.shepherds.elfiqi import ElFiqi
 from skydog.shepherds.strombom import Strombom
+from skydog.shepherds.team import Team
 from skydog.world.mission import Shepherd
 
 RULES: dict[str, Callable[[], Shepherd]] = {
@@ -15,6 +16,7 @@ RULES: dict[str, Callable[[], Shepherd]] = {
     "strombom-arrive": lambda: Strombom(at_point="arrive"),
     "elfiqi": ElFiqi,
     "arc": Arc,
+    "team": Team,
 }
 """By the names in `finding.RULES`."""
 

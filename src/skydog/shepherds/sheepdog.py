@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from skydog.shepherds import frame as frames
 from skydog.shepherds.networks import Actor, GreedyQ
@@ -55,6 +55,16 @@ class Sheepdog(eqx.Module):
     def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
         """Velocities of the dogs, in m/s."""
         subgoal, drives = herding.gate(world, state.sheep, state.dogs)
+        return self.steer(world, state, subgoal, drives)
+
+    def steer(
+        self,
+        world: World,
+        state: State,
+        subgoal: Float[Array, "dogs 2"],
+        drives: Bool[Array, " dogs"],
+    ) -> Float[Array, "dogs 2"]:
+        """Velocities in m/s of dogs that fly to subgoals, by the skill that each is to use."""
         xi = self.arena / world.arena.scale  # the diagonals' ratio
         seen = xi * observe(state.sheep, state.dogs, subgoal)
         # A dog whose eyes fail hovers. An `Actor` carries what is no number through to its limits;
