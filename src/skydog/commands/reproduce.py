@@ -1,6 +1,7 @@
 """`skydog reproduce`: train and fly the paper's study, and compare it with the paper."""
 
 import json
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ def reproduce(
     from_zoo: bool = False,
     physical: bool = False,
     patterns: bool = False,
+    teams: bool = False,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study or its physical study, and compare with the paper.
@@ -35,12 +37,13 @@ def reproduce(
     Example: skydog reproduce --from-zoo
 
     Args:
-        out: The run folder; runs/reproduce, runs/physical or runs/patterns if not given.
+        out: The run folder; if not given runs/reproduce, or runs/ and the name of the study.
         seeds: Number of sheepdogs of each kind, one per seed.
         episodes: Training episodes of each skill; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
         physical: Repeat the paper's physical study, in the physics twin.
         patterns: Fly the six patterns of El-Fiqi et al. 2020 instead; trains nothing.
+        teams: Fly several dogs beside one instead; trains nothing.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -48,10 +51,11 @@ def reproduce(
     from skydog.study import evaluate
 
     command = console.command_line()
-    if physical and patterns:
-        raise Refusal("--physical and --patterns are two studies; leave one of them out")
-    study = "physical" if physical else "patterns" if patterns else "reproduce"
-    out = out or Path("runs") / study
+    others = {"physical": physical, "patterns": patterns, "teams": teams}
+    chosen = [name for name, wanted in others.items() if wanted]
+    if len(chosen) > 1:
+        raise Refusal(f"--{chosen[0]} and --{chosen[1]} are two studies; leave one of them out")
+    out = out or Path("runs") / (chosen[0] if chosen else "reproduce")
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
     if physical:
@@ -60,12 +64,11 @@ def reproduce(
 
         with files.claimed(out):
             results = physics.run(out, seeds, episodes, from_zoo, command)
-    elif patterns:
-        from skydog.commands import patterns as six
-        from skydog.study.patterns_page import summary as table
-
+    elif chosen:
+        study = import_module(f"skydog.commands.{chosen[0]}")
+        table = import_module(f"skydog.study.{chosen[0]}_page").summary
         with files.claimed(out):
-            results = six.run(out, command)
+            results = study.run(out, command)
     else:
         table = _table
         with files.claimed(out):

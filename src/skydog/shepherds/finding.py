@@ -8,12 +8,13 @@ from skydog.errors import Refusal
 FILE = "sheepdog.safetensors"
 ZOO = Path(__file__).parent / "zoo"
 RULES = ("strombom", "strombom-arrive", "elfiqi", "arc", "team")  # see `skydog.shepherds.rules`
+TEAM = "team:"  # before a sheepdog's name: a team whose dogs fly with its skills
 
 
 def check(name: str) -> None:
     """Raise `Refusal` for a shepherd that there is not."""
     if name not in RULES:
-        find(Path(name))
+        find(Path(name.removeprefix(TEAM)))
 
 
 def ships() -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from skydog.shepherds import store
+from skydog.shepherds import finding, store
 from skydog.shepherds.arc import Arc
 from skydog.shepherds.elfiqi import ElFiqi
 from skydog.shepherds.strombom import Strombom
@@ -24,8 +24,13 @@ RULES: dict[str, Callable[[], Shepherd]] = {
 def read(name: str | Path) -> tuple[Shepherd, dict[str, Any]]:
     """A shepherd by its name, and its card, which is empty for a rule.
 
-    A name that no rule has is read by `store.read`. Raises `Refusal` as that does.
+    A name that no rule has is read by `store.read`; `team:NAME` is a `Team` with the skills of that
+    sheepdog. Raises `Refusal` as `store.read` does.
     """
-    if (rule := RULES.get(str(name))) is not None:
+    called = str(name)
+    if (rule := RULES.get(called)) is not None:
         return rule(), {}
-    return store.read(name)
+    if not called.startswith(finding.TEAM):
+        return store.read(name)
+    dog, card = store.read(called.removeprefix(finding.TEAM))
+    return Team(skill=dog), card

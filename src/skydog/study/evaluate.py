@@ -16,6 +16,7 @@ from skydog.errors import Refusal
 from skydog.numerics import fits, single
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
+from skydog.shepherds.team import Team
 from skydog.study import metrics, statistics
 from skydog.world import mission, params
 from skydog.world.mission import MAX_STEPS, Record, Shepherd
@@ -92,6 +93,8 @@ def scenario(
         to = "" if home == flown else f"to{flown}"
         own = called == plain or called.startswith(f"{plain}-")
         name = f"{plain}{to}{called.removeprefix(plain)}" if own else f"{called}-{flown}"
+    elif isinstance(shepherd, Team) and shepherd.skill is not None:
+        name = f"Team-{scenario(shepherd.skill, world, called)}"
     return name + f"-{sheep}-sheep" * (sheep != 3) + f"-{dogs}-dogs" * (dogs != 1)
 
 
