@@ -7,5 +7,6 @@ PRESET_NAMES = (
     "paper-physical",
     "strombom2014",
     "strombom2014-sqrt",
+    "lama2024",
 )
 """The names of `skydog.world.presets.PRESETS`."""

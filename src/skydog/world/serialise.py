@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from skydog.errors import Refusal, short
-from skydog.world.end import AllHome
+from skydog.world.end import AllHome, ShareHome
 from skydog.world.home import StraightHome
+from skydog.world.laws.diffusive import DiffusiveFlock
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
@@ -32,7 +33,12 @@ PARTS: dict[str, Any] = {"sheep": Sheep, "dog": Dog, "arena": Arena}
 """The parts of a world that are always of one kind."""
 
 LAWS: dict[str, dict[str, Any]] = {
-    "flock": {"paper": PaperFlock, "literal": LiteralFlock, "strombom2014": StrombomFlock},
+    "flock": {
+        "paper": PaperFlock,
+        "literal": LiteralFlock,
+        "strombom2014": StrombomFlock,
+        "diffusive": DiffusiveFlock,
+    },
     "dog.limits": {"per axis": PerAxis, "any direction": AnyDirection},
     "spread": {
         "N^(2/3)": TwoThirdsSpread,
@@ -40,7 +46,7 @@ LAWS: dict[str, dict[str, Any]] = {
         "fixed": FixedSpread,
     },
     "home": {"straight line": StraightHome},
-    "end": {"all home and gathered": AllHome},
+    "end": {"all home and gathered": AllHome, "a share home": ShareHome},
 }
 """The laws that a world may carry in each place, by the name that stands in a file."""
 
