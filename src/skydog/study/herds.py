@@ -54,13 +54,13 @@ def starts(world: World, runs: int, seed: int, sheep: int, dogs: int) -> State:
 
 
 class _Running(eqx.Module):
-    """A run that is not over."""
+    """Runs that are herded together: as far as they have come, and what came of them so far."""
 
     state: State
-    key: Key[Array, ""]
-    share: Float[Array, ""]
-    settled: Int[Array, ""]
-    captured: Int[Array, ""]
+    key: Key[Array, "*runs"]
+    share: Float[Array, "*runs"]
+    settled: Int[Array, "*runs"]
+    captured: Int[Array, "*runs"]
 
 
 @numerics.ours()
