@@ -76,7 +76,8 @@ def lab(
         transport: The protocol of an emulated flight: ros1, or dds, which ROS 2 uses. If not
             given, ros1 if rospy is installed, else dds.
         adapter: The emulated drone; if not given, ardrone-autonomy, and over dds twist-dds.
-        sheepdog: The shepherd of an emulated flight: a file, run folder or name, or strombom.
+        sheepdog: The shepherd of an emulated flight: a file, run folder or name, or a rule:
+            strombom, lama or ring.
         disturb: The disturbances during an emulated flight: none, mild or lab.
         speed: Share of the world's speeds at which an emulated flight moves.
         wait: Take the next set-point only when the drone is nearer than this to the last one.

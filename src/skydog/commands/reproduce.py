@@ -23,9 +23,10 @@ def reproduce(
     episodes: Episodes = 3_000,
     from_zoo: bool = False,
     physical: bool = False,
+    herdability: bool = False,
     as_json: Json = False,
 ) -> int:
-    """Repeat the paper's simulation study or its physical study, and compare with the paper.
+    """Repeat the paper's simulation study, its physical study or the herdability map of others.
 
     Trains all sheepdogs of the study, flies the paper's eight scenarios and more, and writes
     report.html and results.json with all tables, figures and claims, and a verdict on each claim.
@@ -39,6 +40,7 @@ def reproduce(
         episodes: Training episodes of each skill; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
         physical: Repeat the paper's physical study, in the physics twin.
+        herdability: Measure how few dogs capture how many sheep that do not hold together.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -46,10 +48,19 @@ def reproduce(
     from skydog.study import evaluate
 
     command = console.command_line()
-    out = out or Path("runs/physical" if physical else "runs/reproduce")
+    if herdability and (physical or from_zoo):
+        raise Refusal("--herdability is a study of its own; leave --physical and --from-zoo out")
+    study_of = "herdability" if herdability else "physical" if physical else "reproduce"
+    out = out or Path("runs") / study_of
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
-    if physical:
+    if herdability:
+        from skydog.commands import herdability as map_study
+        from skydog.study.herdability_page import table
+
+        with files.claimed(out):
+            results = map_study.run(out, command)
+    elif physical:
         from skydog.commands import physical as study
         from skydog.study.physical import summary as table
 

@@ -67,7 +67,8 @@ def test(
     Example: skydog test runs/herd --arena 6 --goal 6,6 --cases 1000 --starts random
 
     Args:
-        shepherd: A sheepdog's file, run folder or name, or the rule dog, strombom.
+        shepherd: A sheepdog's file, run folder or name, or a rule:
+            strombom, lama or ring.
         preset: The world of the missions; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
@@ -90,7 +91,7 @@ def test(
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
-    from skydog.shepherds import scope, store
+    from skydog.shepherds import rules, scope, store
     from skydog.shepherds.strombom import Strombom
     from skydog.study import cases as draws
     from skydog.study import evaluate
@@ -104,7 +105,7 @@ def test(
     if as_paper:
         where = presets.furthest_first(where)
     rule = shepherd == "strombom"
-    steers, card = (Strombom(at_point=at_point), {}) if rule else store.read(shepherd)
+    steers, card = (Strombom(at_point=at_point), {}) if rule else rules.read(shepherd)
     if card.get("own_world") and world is None:
         console.say(
             f"{shepherd} was trained in a world of your own; here it flies in {preset}. "

@@ -11,7 +11,7 @@ from skydog.lab import setup, topics, vicon
 from skydog.lab.lookout import TAKES_OFF
 from skydog.lab.preflight import USED
 from skydog.lab.site import Mission, Site, UAVSite, UGVSite
-from skydog.shepherds import scope, store
+from skydog.shepherds import finding, scope, store
 from skydog.world.params import World
 
 OPEN = "keep that network to the laboratory: who is in it can send too"
@@ -94,8 +94,8 @@ def _mission(site: Site, world: World) -> Iterator[Line]:
         f"mission {asked.preset}: arena {size:g} × {size:g} m, goal {goal}, {len(site.ugv)} "
         f"rovers, a decision every {dt:g} s, at most {asked.steps} of them, {asked.steps * dt:g} s",
     )
-    if asked.sheepdog == "strombom":
-        yield Line(True, "the rule dog strombom, which learns nothing")
+    if asked.sheepdog in finding.RULES:
+        yield Line(True, f"the rule dog {asked.sheepdog}, which learns nothing")
         return
     try:
         card = store.read(asked.sheepdog)[1]

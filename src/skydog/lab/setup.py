@@ -11,8 +11,7 @@ from skydog.flight.base import Base
 from skydog.flight.limits import Limits
 from skydog.flight.station import DT, Station
 from skydog.lab.site import Site
-from skydog.shepherds import store
-from skydog.shepherds.strombom import Strombom
+from skydog.shepherds import rules
 from skydog.world import presets
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
@@ -33,7 +32,7 @@ class Setup(NamedTuple):
 def setup(site: Site) -> Setup:
     """What a site comes to. Raises `Refusal` for what does not fit together."""
     here, asked = world(site), site.mission.sheepdog
-    shepherd, card = (Strombom(), {}) if asked == "strombom" else store.read(asked)
+    shepherd, card = rules.read(asked)
     return Setup(here, shepherd, card, base(site, here))
 
 

@@ -7,7 +7,7 @@ from skydog.errors import Refusal
 
 FILE = "sheepdog.safetensors"
 ZOO = Path(__file__).parent / "zoo"
-RULES = ("strombom", "strombom-arrive")  # the names of the rule dog
+RULES = ("strombom", "strombom-arrive", "lama", "ring")  # the names of `rules.RULES`
 
 
 def check(name: str) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 
 from skydog.errors import Refusal
 from skydog.shepherds import store
+from skydog.shepherds.rules import RULES
 from skydog.shepherds.sheepdog import Sheepdog
-from skydog.shepherds.strombom import Strombom
 from skydog.view import session as sessions
 from skydog.view.connection import Cards, Pages
 from skydog.view.messages import LONGEST_ARENA, MOST_DOGS, MOST_SHEEP
@@ -26,9 +26,8 @@ def policies(chosen: str) -> dict[str, Shepherd]:
     `chosen` is a name among them, or a sheepdog's file or run folder. Raises `Refusal` as
     `store.load` does.
     """
-    rules = {"strombom": Strombom(), "strombom-arrive": Strombom(at_point="arrive")}
-    first = {chosen: rules[chosen] if chosen in rules else store.load(chosen)}
-    return first | rules | {name: store.load(name) for name in store.ships()} | first
+    first = {chosen: RULES[chosen] if chosen in RULES else store.load(chosen)}
+    return first | RULES | {name: store.load(name) for name in store.ships()} | first
 
 
 def cards(shepherds: Mapping[str, Shepherd]) -> dict[str, dict[str, Any]]:
