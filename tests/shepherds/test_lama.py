@@ -26,7 +26,7 @@ def expected(sheep, dogs):
         else:
             home = GOAL - dog
             velocity = 8.0 * home / math.hypot(*home) if math.hypot(*home) >= 5.0 else 0.0 * home
-        found.append(velocity * min(1.0, 8.0 / max(math.hypot(*velocity), 1e-9)))
+        found.append(np.clip(velocity, -8.0, 8.0))
     return found
 
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from skydog.world import herding
-from skydog.world.mission import fastest, limited
+from skydog.world.mission import limited
 from skydog.world.params import World
 from skydog.world.state import State
 from skydog.world.vectors import Scalar, norm, unit
@@ -34,5 +34,5 @@ class Lama(eqx.Module):
         chase = self.gain * (behind[furthest[:, 0]] - state.dogs)
         home = goal - state.dogs
         outside = norm(home)[:, None] >= world.arena.goal_radius
-        idle = jnp.where(outside, fastest(world.dog, home), 0.0)
+        idle = jnp.where(outside, world.dog.speed * unit(home), 0.0)
         return limited(world.dog, jnp.where(jnp.any(own, axis=1)[:, None], chase, idle))

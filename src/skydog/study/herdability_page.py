@@ -127,8 +127,8 @@ that captures; N − 1 was flown too, and its χ stands beside it.
 than 100; one that never does counts with the cap.
 - The starts and the noise of both shepherds are the same, run by run. What tuned the ring had \
 other seeds.
-- Covone's code limits each axis of a herder's velocity to 8, so that its herders fly up to 11.3 \
-on a diagonal; here the length of the velocity is at most 8.
+- A dog flies at most 8 m/s on each axis, 11.3 on a diagonal, as in Covone's code. Lama & di \
+Bernardo limit the velocity's length.
 
 The *rule* is that of Lama & di Bernardo (`skydog test lama --preset lama2024`), the *ring* is \
 ours ([`Ring`](#skydog.shepherds.ring.Ring), `skydog test ring --preset lama2024`).

@@ -160,13 +160,13 @@ def lama2024(arena: float = 50.0, sheep: int = 3) -> World:
         ),
         sheep=Sheep(speed=1.0),  # the law's forces are velocities
         dog=Dog(
-            # Covone; Lama 7.5. Covone's code limits each axis, so that its dogs fly up to 11.3
-            # on a diagonal; the limit of Lama's is the velocity's length, as here.
-            speed=8.0,
+            speed=8.0,  # Covone; Lama 7.5
             driving=1.25,  # ours, for dogs that drive a flock as a whole
             collecting=1.25,  # δ = λ/2, both
             airspace=0.0,  # Covone: the box holds the dogs too
-            limits=AnyDirection(),
+            # As Covone's code, which made the figures of the field: up to 11.3 on a diagonal.
+            # Lama limits the velocity's length.
+            limits=PerAxis(),
         ),
         arena=Arena(
             size=arena,  # Covone: 50
