@@ -31,26 +31,26 @@ class Herds(NamedTuple):
 
 @numerics.ours()
 def starts(world: World, runs: int, seed: int, sheep: int, dogs: int) -> State:
-    """Starts of Covone et al. 2025, stacked along a first axis: the same for the same arguments.
+    """`runs` starts as `draw` has them, stacked: the same for the same arguments."""
+    keys = jax.random.split(jax.random.key(quantities.SEED.checked(seed)), runs)
+    return jax.jit(jax.vmap(lambda key: draw(world, key, sheep, dogs)))(keys)
+
+
+def draw(world: World, key: PRNGKeyArray, sheep: int, dogs: int) -> State:
+    """A start of Covone et al. 2025.
 
     Sheep and dogs are on a ring around the goal: the angle uniform, and so is the distance, from
     a metre beyond the goal to 0.9 of half the arena's side.
     """
-    keys = jax.random.split(jax.random.key(quantities.SEED.checked(seed)), runs)
-    arena = world.arena
-
-    def draw(key: PRNGKeyArray) -> State:
-        for_distance, for_angle = jax.random.split(key)
-        count = (sheep + dogs,)
-        distance = jax.random.uniform(
-            for_distance, count, minval=arena.goal_radius + 1.0, maxval=0.45 * arena.size
-        )
-        angle = jax.random.uniform(for_angle, count, maxval=2.0 * jnp.pi)
-        around = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
-        places = herding.goal(arena) + distance[:, None] * around
-        return start(places[dogs:], places[:dogs])
-
-    return jax.jit(jax.vmap(draw))(keys)
+    arena, count = world.arena, (sheep + dogs,)
+    for_distance, for_angle = jax.random.split(key)
+    distance = jax.random.uniform(
+        for_distance, count, minval=arena.goal_radius + 1.0, maxval=0.45 * arena.size
+    )
+    angle = jax.random.uniform(for_angle, count, maxval=2.0 * jnp.pi)
+    around = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
+    places = herding.goal(arena) + distance[:, None] * around
+    return start(places[dogs:], places[:dogs])
 
 
 class _Running(eqx.Module):
