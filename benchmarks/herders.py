@@ -11,7 +11,7 @@ import time
 from dataclasses import replace
 from functools import partial
 
-import cma
+import cma  # pyright: ignore[reportMissingImports]
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -89,7 +89,7 @@ def main():
         key = jax.random.fold_in(jax.random.key(asked.seed), generation)
         left = [outside(numbers, key, *cell) for cell in CELLS]
         badness = sum(np.mean(np.log(LEAST + np.asarray(each)), axis=1) for each in left)
-        search.tell(tried, (badness / len(CELLS)).tolist())
+        search.tell(tried, np.asarray(badness / len(CELLS)).tolist())
         shown = ", ".join(
             f"{name} {value:.3g}" for name, value in zip(BEGIN, search.mean * scale, strict=True)
         )

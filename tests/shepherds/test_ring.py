@@ -51,7 +51,7 @@ def test_a_dog_right_behind_its_sheep_pushes_it_home():
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_dog_on_the_goals_side_of_its_sheep_swings_around_it(side):
     sheep = np.array([37.0, 25.0])
-    moved = velocity([sheep], [sheep + [-2.0, 0.3 * side]])[0]
+    moved = velocity([sheep], [sheep + np.array([-2.0, 0.3 * side])])[0]
     assert np.sign(moved[1]) == side
 
 

@@ -93,15 +93,12 @@ def fewest(cells: dict[int, Results]) -> int:
 
 def line(sheep: list[int], dogs: list[int]) -> Results:
     """The straight line N = a √M + b of least squares, with 95 % intervals (Student's t)."""
-    roots = np.sqrt(np.asarray(sheep, float))
-    fitted = stats.linregress(roots, np.asarray(dogs, float))
+    line, covariance = np.polyfit(np.sqrt(sheep), dogs, 1, cov=True)
+    wide = stats.t.ppf(0.975, len(sheep) - 2) * np.sqrt(np.diag(covariance))
     found: Results = {}
-    for name, value, error in (
-        ("a", fitted.slope, fitted.stderr),
-        ("b", fitted.intercept, fitted.intercept_stderr),
-    ):
-        wide = float(stats.t.ppf(0.975, len(sheep) - 2) * error)
-        found[name], found[f"{name}_ci95"] = float(value), [value - wide, value + wide]
+    for name, value, off in zip("ab", line, wide, strict=True):
+        found[name] = float(value)
+        found[f"{name}_ci95"] = [float(value - off), float(value + off)]
     return found
 
 

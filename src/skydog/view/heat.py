@@ -18,7 +18,7 @@ def chart(results: Results) -> Figure:
     with drawing():
         figure = Figure(figsize=(6.8, 3.6), layout="constrained")
         panels = figure.subplots(1, len(TITLES), sharey=True)
-        image = None
+        images = []
         for axes, (name, title) in zip(panels, TITLES.items(), strict=True):
             image = axes.imshow(
                 results["map"][name],
@@ -29,6 +29,7 @@ def chart(results: Results) -> Figure:
                 cmap="cividis",
                 extent=(-0.5, len(sheep) - 0.5, MAP_DOGS[0] - 0.5, MAP_DOGS[-1] + 0.5),
             )
+            images.append(image)
             at = np.arange(len(sheep))
             axes.plot(
                 at,
@@ -52,5 +53,7 @@ def chart(results: Results) -> Figure:
         panels[0].set_ylabel("dogs N")
         panels[0].legend(loc="upper left", fontsize=6, labelcolor="white")
         seconds = MAP_STEPS * herdability.DT
-        figure.colorbar(image, ax=panels, label=f"χ within {seconds:g} s, mean of {MAP_RUNS} runs")
+        figure.colorbar(
+            images[0], ax=panels, label=f"χ within {seconds:g} s, mean of {MAP_RUNS} runs"
+        )
     return figure
