@@ -279,7 +279,7 @@ def test_presets_are_listed_with_their_values(skydog):
     code, out, _ = skydog("presets", "--json")
     assert code == 0
     assert json.loads(out)["paper"]["flock.sensing"] == 2.0
-    assert skydog("presets")[1].count("flock.") == 10
+    assert skydog("presets")[1].count("flock.") == 11
 
 
 # Sheepdogs and worlds of one's own
