@@ -26,9 +26,10 @@ def reproduce(
     physical: bool = False,
     patterns: bool = False,
     teams: bool = False,
+    herdability: bool = False,
     as_json: Json = False,
 ) -> int:
-    """Repeat the paper's simulation study or its physical study, and compare with the paper.
+    """Repeat the paper's simulation study, its physical study or the herdability map of others.
 
     Trains all sheepdogs of the study, flies the paper's eight scenarios and more, and writes
     report.html and results.json with all tables, figures and claims, and a verdict on each claim.
@@ -44,6 +45,7 @@ def reproduce(
         physical: Repeat the paper's physical study, in the physics twin.
         patterns: Fly the six patterns of El-Fiqi et al. 2020 instead; trains nothing.
         teams: Fly several dogs beside one instead; trains nothing.
+        herdability: Measure how few dogs capture how many sheep that do not hold together.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -51,7 +53,12 @@ def reproduce(
     from skydog.study import evaluate
 
     command = console.command_line()
-    others = {"physical": physical, "patterns": patterns, "teams": teams}
+    others = {
+        "physical": physical,
+        "patterns": patterns,
+        "teams": teams,
+        "herdability": herdability,
+    }
     chosen = [name for name, wanted in others.items() if wanted]
     if len(chosen) > 1:
         raise Refusal(f"--{chosen[0]} and --{chosen[1]} are two studies; leave one of them out")

@@ -7,7 +7,8 @@ from skydog.errors import Refusal
 
 FILE = "sheepdog.safetensors"
 ZOO = Path(__file__).parent / "zoo"
-RULES = ("strombom", "strombom-arrive", "elfiqi", "arc", "team")  # see `skydog.shepherds.rules`
+# See `skydog.shepherds.rules`.
+RULES = ("strombom", "strombom-arrive", "elfiqi", "arc", "team", "lama", "ring")
 TEAM = "team:"  # before a sheepdog's name: a team whose dogs fly with its skills
 
 

@@ -7,6 +7,8 @@ from typing import Any
 from skydog.shepherds import finding, store
 from skydog.shepherds.arc import Arc
 from skydog.shepherds.elfiqi import ElFiqi
+from skydog.shepherds.lama import Lama
+from skydog.shepherds.ring import Ring
 from skydog.shepherds.strombom import Strombom
 from skydog.shepherds.team import Team
 from skydog.world.mission import Shepherd
@@ -17,6 +19,8 @@ RULES: dict[str, Callable[[], Shepherd]] = {
     "elfiqi": ElFiqi,
     "arc": Arc,
     "team": Team,
+    "lama": Lama,
+    "ring": Ring,
 }
 """By the names in `finding.RULES`."""
 

@@ -18,5 +18,8 @@ PAPER_FRAME = "-paper-frame"
 Results = dict[str, Any]
 """Figures by name, as plain data."""
 
+Progress = Callable[[int, int], None]
+"""Is told the step of runs that are herded together, and how many are over by then."""
+
 Track = Callable[[str, Iterable[Any]], Iterator[Any]]
 """Goes through things, and shows under a title how many are done."""

@@ -15,7 +15,7 @@ CAPTION = "A mission of three dogs with 30 sheep: the paths of sheep and dogs."
 INTRODUCTION = (
     "Several dogs herd one flock. The shepherd `team` ([`Team`](#skydog.shepherds.team.Team)) is "
     "for any number of dogs, which know nothing of each other but positions, and all fly by the "
-    "same numbers. Seen from the flock, each dog has a sector: it collects the stray of its sector, and "
+    "same numbers. Seen from the flock, each dog has a sector: it collects its stray, and "
     "drives from behind it. The dog with the shortest way to the back leads; the others go around "
     "the flock at a distance, so that they do not push it away from home. `team:h-ddpg-4x4` is the "
     "same, but its dogs fly with the skills collect and drive of the sheepdog h-ddpg-4x4.",

@@ -8,6 +8,7 @@ PRESET_NAMES = (
     "strombom2014",
     "strombom2014-sqrt",
     "elfiqi2020",
+    "lama2024",
 )
 """The names of `skydog.world.presets.PRESETS`."""
 

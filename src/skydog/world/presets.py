@@ -11,15 +11,16 @@ import equinox as eqx
 from skydog import quantities
 from skydog.errors import Refusal, short
 from skydog.world import scenefile, scenes
-from skydog.world.end import AllAtGoal, AllHome
+from skydog.world.end import AllHome, ShareHome
 from skydog.world.home import StraightHome
+from skydog.world.laws.diffusive import DiffusiveFlock, diffusing
 from skydog.world.laws.elfiqi import RegulatedFlock
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
 from skydog.world.laws.strombom import StrombomFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import Arena, Dog, Sheep, World, check
-from skydog.world.spread import Spread, SquareRootSpread, TwoThirdsSpread
+from skydog.world.spread import FixedSpread, Spread, SquareRootSpread, TwoThirdsSpread
 
 Point = tuple[float, float]
 """A place in the arena: x and y in metres."""
@@ -191,7 +192,44 @@ def elfiqi2020(arena: float = 50.0, sheep: int = 3) -> World:
         ),
         spread=spread,
         home=StraightHome(),
-        end=AllAtGoal(),  # PaddockON 0
+        end=ShareHome(1.0),  # PaddockON 0
+    )
+
+
+def lama2024(arena: float = 50.0, sheep: int = 3) -> World:
+    """Lama & di Bernardo 2024 (arXiv 2307.16797): targets that diffuse and do not hold together.
+
+    Sizes, speeds and dt are those of the herdability map of Covone et al. 2025 (arXiv 2504.02479;
+    github.com/stefanocovone/shepherding), which has a box around the plane. The goal is a disc in
+    the middle. A unit of length is a metre here, one of time a second.
+    """
+    dt = 0.05  # Covone
+    return World(
+        flock=DiffusiveFlock(
+            sensing=2.5,  # λ, both
+            strength=3.0,  # k, both
+            noise=diffusing(1.0, dt),  # D = 1, both
+        ),
+        sheep=Sheep(speed=1.0),  # the law's forces are velocities
+        dog=Dog(
+            speed=8.0,  # Covone; Lama 7.5
+            driving=1.25,  # ours, for dogs that drive a flock as a whole
+            collecting=1.25,  # δ = λ/2, both
+            airspace=0.0,  # Covone: the box holds the dogs too
+            # As Covone's code, which made the figures of the field: up to 11.3 on a diagonal.
+            # Lama limits the velocity's length.
+            limits=PerAxis(),
+        ),
+        arena=Arena(
+            size=arena,  # Covone: 50
+            goal_x=arena / 2,
+            goal_y=arena / 2,
+            goal_radius=arena / 10,  # Covone: 5 in 50
+            dt=dt,
+        ),
+        spread=FixedSpread(arena / 10),  # ours: a gathered flock is one that fits in the goal
+        home=StraightHome(),
+        end=ShareHome(0.99),  # both: χ ≥ 0.99
     )
 
 
@@ -203,6 +241,7 @@ PRESETS: dict[str, Callable[..., World]] = {
     "strombom2014": strombom2014,
     "strombom2014-sqrt": strombom2014_sqrt,
     "elfiqi2020": elfiqi2020,
+    "lama2024": lama2024,
 }
 
 

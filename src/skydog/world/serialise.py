@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from skydog.errors import Refusal, short
-from skydog.world.end import AllAtGoal, AllHome
+from skydog.world.end import AllHome, ShareHome
 from skydog.world.home import AroundHome, StraightHome
+from skydog.world.laws.diffusive import DiffusiveFlock
 from skydog.world.laws.elfiqi import RegulatedFlock
 from skydog.world.laws.literal import LiteralFlock
 from skydog.world.laws.paper import PaperFlock
@@ -42,6 +43,7 @@ LAWS: dict[str, dict[str, Any]] = {
         "strombom2014": StrombomFlock,
         "elfiqi2020": RegulatedFlock,
         "varied": VariedFlock,
+        "diffusive": DiffusiveFlock,
     },
     "dog.limits": {"per axis": PerAxis, "any direction": AnyDirection},
     "spread": {
@@ -50,7 +52,7 @@ LAWS: dict[str, dict[str, Any]] = {
         "fixed": FixedSpread,
     },
     "home": {"straight line": StraightHome, "around obstacles": AroundHome},
-    "end": {"all home and gathered": AllHome, "all at the goal": AllAtGoal},
+    "end": {"all home and gathered": AllHome, "a share home": ShareHome},
 }
 """The laws that a world may carry in each place, by the name that stands in a file."""
 
