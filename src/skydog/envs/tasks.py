@@ -248,8 +248,12 @@ def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
 
     Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
     """
-    size, beyond = max(task.world.arena.plain_sides), float(task.world.dog.airspace)
-    bounds = {"sheep": (task.sheep, 0.0, size), "dogs": (task.dogs, -beyond, size + beyond)}
+    (wide, high), beyond = task.world.arena.plain_sides, float(task.world.dog.airspace)
+    airspace = wide + beyond, high + beyond
+    bounds = {
+        "sheep": (task.sheep, 0.0, (wide, high)),
+        "dogs": (task.dogs, -beyond, airspace),
+    }
     if isinstance(task, LessonTask):  # it draws the arena too
         bounds = {}
     where = {}

@@ -25,6 +25,7 @@ CELLS = 8  # of the field across a passage
 NODES = (101, 401)  # of the field along the longer side, least and most
 # Metres that ways keep off obstacles, in avoidance radii: a fifth of a passage that is one wide.
 CLEARANCE = 0.2
+PASSABLE = 0.25  # share of the start, at least, that has a way home
 AHEAD = 1.0  # avoidance radii that directions look ahead
 
 
@@ -181,10 +182,31 @@ def with_home(world: World) -> World:
     return replace(world, home=AroundHome(solved))
 
 
+def renewed(world: World) -> World:
+    """The world after its goal has moved: its way home, if it leads around obstacles, anew."""
+    return with_home(world) if isinstance(world.home, AroundHome) else world
+
+
+def check_open(world: World, what: str) -> World:
+    """The world, for what has no place for obstacles: a square without any.
+
+    `what` is the subject of the refusal. Raises `Refusal` for obstacles, for an arena that is no
+    square, and for the way home around obstacles.
+    """
+    for odd, named in (
+        (world.obstacles is not None, "obstacles"),
+        (world.arena.height is not None, "arenas that are not square"),
+        (isinstance(world.home, AroundHome), "a way home around obstacles"),
+    ):
+        if odd:
+            raise Refusal(f"{what} has no {named}; take a world without a scene")
+    return world
+
+
 def _leads_home(solved: field.Field, start: np.ndarray) -> bool:
-    """Whether there is a way from the greater part of the start."""
+    """Whether there is a way from enough of the start for sheep to be drawn there."""
     spots = np.stack(np.meshgrid(*np.linspace(start[:2], start[2:], 20).T), axis=-1).reshape(-1, 2)
-    return bool(np.mean(solved.reaches(jnp.asarray(spots, jnp.float32))) > 0.1)
+    return bool(np.mean(solved.reaches(jnp.asarray(spots, jnp.float32))) >= PASSABLE)
 
 
 def _box(side: float, *shares: float) -> tuple[float, float, float, float]:

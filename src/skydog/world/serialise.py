@@ -189,7 +189,7 @@ def _obstacles(values: dict[str, Any]) -> Obstacles | None:
     ends, radius, tall = (values.get(f"obstacles.{name}") for name in ("ends", "radius", "tall"))
     each = _numbers("obstacles.radius", radius, 0, MOST_OBSTACLES)
     places = _numbers("obstacles.ends", ends, 4 * len(each), 4 * len(each))
-    if type(tall) is not bool or np.any(each < 0.0):
+    if type(tall) is not bool or not np.all(each > 0.0):
         raise Refusal(f"{short((radius, tall))} are no radii of obstacles")
     return Obstacles(jnp.asarray(places.reshape(-1, 2, 2)), jnp.asarray(each), tall)
 
