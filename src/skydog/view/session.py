@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from skydog import numerics
 from skydog.errors import Refusal
 from skydog.view import ground
-from skydog.world import herding, mission, params, scenes
+from skydog.world import herding, mission, obstacles, params, scenes
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.presets import PRESETS, Point, make
@@ -337,6 +337,9 @@ def _holding(session: Session, held: tuple[str, int, tuple[float, float]] | None
         return replace(session, held=None, settings=settings, world=world)
     if session.settings.mode == "race":
         raise Refusal("in a race you cannot drag anybody; fly the dog instead")
+    walls = session.world.obstacles
+    if walls is not None and (who == "sheep" or walls.tall):
+        x, y = obstacles.outside(walls, jnp.asarray([[x, y]], jnp.float32))[0].tolist()
     session = replace(session, held=(who, number, (x, y)))
     own, *others = session.flights
     moved = Flight(_held(own.state, _control(session)), own.step, own.flown)
