@@ -33,7 +33,8 @@ def pen(tmp_path_factory):
 
 
 @pytest.mark.filterwarnings("error")
-def test_gymnasiums_checker_has_nothing_to_say_of_a_scene(pen):
+def test_gymnasiums_checker_has_nothing_to_say_of_a_scene(monkeypatch, pen):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # it opens a window, too
     env: Any = gymnasium.make("skydog/Herd-v0", scene=pen, render_mode="rgb_array")
     check_env(env.unwrapped)
 
@@ -81,10 +82,9 @@ def test_the_reward_pays_for_the_way_around():
     ("options", "said"),
     [
         ({"scene": "labyrinth"}, "no scene is called 'labyrinth'"),
-        ({"scene": 3}, "no scene is called '3'"),
         ({"scene": "gate", "world": preset("paper")}, "takes the place of preset, scene and arena"),
     ],
-    ids=["name", "number", "world"],
+    ids=["name", "world"],
 )
 def test_a_scene_that_cannot_be_is_refused(options, said):
     with pytest.raises(Refusal, match=said):

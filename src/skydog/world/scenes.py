@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from skydog.errors import Refusal, short
-from skydog.world import field
+from skydog.world import field, routes
 from skydog.world.home import AroundHome
 from skydog.world.obstacles import Obstacles
 from skydog.world.params import World
@@ -25,6 +25,7 @@ CELLS = 8  # of the field across a passage
 NODES = (101, 401)  # of the field along the longer side, least and most
 # Metres that ways keep off obstacles, in avoidance radii: a fifth of a passage that is one wide.
 CLEARANCE = 0.2
+MARGIN = 0.2  # avoidance radii that dogs keep off corners that they go around
 PASSABLE = 0.25  # share of the start, at least, that has a way home
 AHEAD = 1.0  # avoidance radii that directions look ahead
 
@@ -157,7 +158,17 @@ def placed(world: World, scene: Scene) -> World:
         tall=scene.tall,
     )
     start = jnp.asarray(scene.start, jnp.float32)
-    return replace(world, arena=arena, obstacles=obstacles, start=start)
+    return with_routes(replace(world, arena=arena, obstacles=obstacles, start=start))
+
+
+def with_routes(world: World) -> World:
+    """The world with the ways of dogs around its obstacles, if these are tall."""
+    walls, beyond = world.obstacles, float(world.dog.airspace)
+    if walls is None or not walls.tall:
+        return replace(world, routes=None)
+    wide, high = world.arena.plain_sides
+    most = wide + beyond, high + beyond
+    return replace(world, routes=routes.solve(walls, MARGIN * passage(world), -beyond, most))
 
 
 def with_home(world: World) -> World:

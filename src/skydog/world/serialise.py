@@ -21,7 +21,7 @@ from skydog.world.laws.varied import VariedFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.obstacles import MOST_OBSTACLES, Obstacles
 from skydog.world.params import Arena, Dog, Sheep, World
-from skydog.world.scenes import with_home
+from skydog.world.scenes import with_home, with_routes
 from skydog.world.spread import FixedSpread, SquareRootSpread, TwoThirdsSpread
 from skydog.world.vectors import PerSheep
 
@@ -120,6 +120,7 @@ def unflatten(values: dict[str, Any]) -> World:
         obstacles=_obstacles(values),
         start=_numbers("start", values["start"], 4, 4) if "start" in values else None,
     )
+    world = with_routes(world)
     return with_home(world) if around else world
 
 
