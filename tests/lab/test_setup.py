@@ -8,8 +8,9 @@ import pytest
 from skydog.errors import Refusal
 from skydog.flight.limits import Limits
 from skydog.lab.emulation.chain import a_site
-from skydog.lab.setup import setup
+from skydog.lab.setup import base, setup
 from skydog.lab.site import Cage, Mission, Safety
+from skydog.world.presets import preset
 
 SITE = a_site(Mission(sheepdog="strombom"), 6.0, "dds")
 
@@ -78,3 +79,8 @@ def test_the_goal_is_where_the_site_has_it():
 def test_what_is_no_mission_is_refused(mission, why):
     with pytest.raises(Refusal, match=why):
         setup(flying(**mission))
+
+
+def test_a_world_with_a_scene_is_refused():
+    with pytest.raises(Refusal, match="a laboratory has no obstacles; take a world without a scene"):
+        base(SITE, preset("paper", 12.0, scene="gate"))

@@ -51,3 +51,12 @@ def test_sheep_of_another_law_and_another_end_change_nothing_in_the_file():
     other = replace(world, flock=Own(), end=Own())
     usual, changed = (exporting.model(sheepdog, each, card).graph for each in (world, other))
     assert usual == changed
+
+
+def test_a_world_with_a_scene_is_refused():
+    sheepdog, card = store.read("h-ddpg-4x4")
+    with pytest.raises(Refusal, match="an ONNX file has no obstacles; take a world without"):
+        exporting.model(sheepdog, preset("paper", scene="gate"), card)
+    wide = replace(preset("paper"), arena=replace(preset("paper").arena, height=3.0))
+    with pytest.raises(Refusal, match="an ONNX file has no arenas that are not square"):
+        exporting.model(sheepdog, wide, card)

@@ -66,3 +66,14 @@ def test_the_sheepdogs_that_ship_were_taught_for_every_goal(name):
     home = float(dog.arena)
     assert dog.frame == "folded"
     assert scope.beyond(card, preset("paper", home, goal=(home, home)), 3) == []
+
+
+def test_a_rectangle_is_as_large_as_the_square_with_its_diagonal_and_its_goal_is_in_its_sides():
+    corner = replace(WORLD, arena=replace(WORLD.arena, goal_x=4.0, goal_y=4.0))
+    card = {"arena": 4.0, "taught_for": scope.scope(corner, (0.9, 1.1), False, 3)}
+    arena = replace(WORLD.arena, size=5.2, height=2.4, goal_x=5.2, goal_y=2.4)  # as large as 4.05 m
+    assert scope.beyond(card, replace(WORLD, arena=arena), 3) == []
+    long = replace(WORLD, arena=replace(arena, size=7.2, goal_x=5.2))
+    found = scope.beyond(card, long, 3)
+    assert found[0] == "for the goal 7.2,2.4, not 5.2,2.4"
+    assert found[1].endswith("m, not 5.36656 m")

@@ -70,12 +70,16 @@ def options(value: Any) -> dict[str, Any]:
     return dict(value or {})
 
 
-def places(value: Any, name: str, count: int, low: float, high: float) -> np.ndarray:
+def places(
+    value: Any, name: str, count: int, low: float, high: tuple[float, float]
+) -> np.ndarray:
     """Where `count` of them are, x and y in metres, as float32. Raises `Refusal`."""
     given = numbers(value)
     if given is None or given.shape != (count, 2) or not np.all((low <= given) & (given <= high)):
+        wide, tall = high
+        most = f"{wide:g} m each" if wide == tall else f"{wide:g} m and {tall:g} m"
         raise Refusal(
-            f"the option {name!r} places {count}, x and y from {low:g} to {high:g} m each, "
+            f"the option {name!r} places {count}, x and y from {low:g} to {most}, "
             f"got {short(value)}"
         )
     return given

@@ -224,10 +224,12 @@ def _with_numbers(world: Any) -> World:
         if not isinstance(body, kind):
             raise Refusal(f"world.{part} is an {kind.__name__}, got {short(body)}")
         for name, value in vars(body).items():
-            given = inputs.numbers(value)
-            if f"{part}.{name}" in serialise.LAWS:
+            square = name == "height" and value is None
+            if square or f"{part}.{name}" in serialise.LAWS:
                 continue
-            least = np.finfo(np.float32).tiny if name in ("size", "dt") else 0.0
+            given = inputs.numbers(value)
+            above_zero = f"{part}.{name}" in serialise.POSITIVE
+            least = np.finfo(np.float32).tiny if above_zero else 0.0
             inside = given is not None and bool(np.all((least <= given) & (given < np.inf)))
             if given is None or not inside or (given.ndim and kind is not params.Sheep):
                 above = "above 0" if least else "from 0 on"
@@ -248,8 +250,12 @@ def placed(task: Task, options: Any) -> dict[str, np.ndarray]:
 
     Raises `Refusal` for an unknown option, another number of them, or a place out of bounds.
     """
-    size, beyond = max(task.world.arena.plain_sides), float(task.world.dog.airspace)
-    bounds = {"sheep": (task.sheep, 0.0, size), "dogs": (task.dogs, -beyond, size + beyond)}
+    (wide, high), beyond = task.world.arena.plain_sides, float(task.world.dog.airspace)
+    airspace = wide + beyond, high + beyond
+    bounds = {
+        "sheep": (task.sheep, 0.0, (wide, high)),
+        "dogs": (task.dogs, -beyond, airspace),
+    }
     if isinstance(task, LessonTask):  # it draws the arena too
         bounds = {}
     where = {}

@@ -12,7 +12,7 @@ from skydog.flight.limits import Limits
 from skydog.flight.station import DT, Station
 from skydog.lab.site import Site
 from skydog.shepherds import rules
-from skydog.world import presets
+from skydog.world import presets, scenes
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
 
@@ -46,7 +46,7 @@ def world(site: Site) -> World:
 def base(site: Site, world: World) -> Base:
     """The base station of a site. Raises `Refusal` if the dog's airspace does not fit the cage."""
     uav, rover = profiles.uav(site.uav[0].profile), profiles.rover(site.ugv[0].profile)
-    dt = float(world.arena.dt)
+    dt = float(scenes.check_open(world, "a laboratory").arena.dt)
     if abs(round(dt / DT) * DT - dt) > 1e-6 or dt < DT:
         raise Refusal(f"decisions are {DT:g} s apart or a multiple of it, got {dt:g} s")
     size, beyond = float(world.arena.size), float(world.dog.airspace)

@@ -17,7 +17,7 @@ from skydog.learning.options import Bodies, Reward, Skill
 from skydog.shepherds import frame as frames
 from skydog.shepherds import sheepdog
 from skydog.shepherds.options import Frame
-from skydog.world import herding, mission
+from skydog.world import herding, mission, scenes
 from skydog.world.params import World
 from skydog.world.state import State, start
 from skydog.world.vectors import norm
@@ -114,6 +114,9 @@ class Lesson(eqx.Module):
 
     observation: ClassVar[int] = len(sheepdog.OBSERVES)
     action: ClassVar[int] = len(sheepdog.COMMANDS)
+
+    def __check_init__(self):
+        scenes.check_open(self.world, "a lesson")
 
     def start(self, key: PRNGKeyArray) -> Episode:
         """A gathered flock somewhere in the arena, and the dog somewhere about it.

@@ -12,6 +12,7 @@ from skydog.errors import Refusal
 from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
+from skydog.world import scenes
 from skydog.world.home import StraightHome
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.params import World
@@ -172,7 +173,7 @@ def export(path: Path, sheepdog: Sheepdog, world: World, card: dict[str, Any]) -
     which says where the sheepdog comes from. Noise is left out.
 
     Raises `Refusal` if onnx is missing, if the file cannot be written, or if f(N), the way home or
-    the dog's limits are a law of your own, which the file could not hold.
+    the dog's limits are a law of your own, which the file could not hold, or for obstacles.
     """
     files.write_bytes(path, model(sheepdog, world, card).SerializeToString(deterministic=True))
 
@@ -184,6 +185,7 @@ def model(sheepdog: Sheepdog, world: World, card: dict[str, Any]) -> "ModelProto
         from onnx import checker, helper, inliner, numpy_helper, parser
     except ImportError:
         raise Refusal("export to ONNX needs onnx; run: pip install 'skydog[onnx]'") from None
+    scenes.check_open(world, "an ONNX file")
     # In float32, as a compiled mission has it: whether ξ is 1 decides whether actions stretch.
     xi = float(np.float32(sheepdog.arena) / np.float32(world.arena.size))
     constants = _constants(world, xi)

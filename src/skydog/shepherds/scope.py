@@ -17,7 +17,7 @@ def scope(
 
     `scales` are the least and the greatest ξ of an episode.
     """
-    size, arena = float(world.arena.size), world.arena
+    size, arena = float(world.arena.scale), world.arena
     return {
         "goals": "anywhere" if goals_anywhere else [float(arena.goal_x), float(arena.goal_y)],
         "arenas": sorted(size / scale for scale in scales),
@@ -32,14 +32,14 @@ def beyond(card: dict[str, Any], world: World, sheep: int | None) -> list[str]:
     `sheep` is None for any number. Each is a phrase, such as "for the goal 0,0, not 4,4". A card
     that says nothing of it asks for nothing.
     """
-    taught, size = card.get("taught_for"), float(world.arena.size)
+    taught, size = card.get("taught_for"), float(world.arena.scale)
     if not isinstance(taught, dict):
         taught = _before(card)
     found = []
     goal, home = _numbers(taught.get("goals"), 2), _numbers([card.get("arena")], 1)
     if goal and home:
         here = np.array([float(world.arena.goal_x), float(world.arena.goal_y)])
-        there = np.array(goal) / home[0] * size
+        there = np.array(goal) / home[0] * np.array(world.arena.plain_sides)
         if np.abs(here - there).max() > NEAR * size:
             found.append("for the goal {:g},{:g}, not {:g},{:g}".format(*there, *here))
     if arenas := _numbers(taught.get("arenas"), 2):

@@ -14,7 +14,7 @@ from skydog import numerics, quantities
 from skydog.errors import Refusal, short
 from skydog.numerics import fits
 from skydog.study.options import ShippedStarts, Starts
-from skydog.world import herding, mission, params
+from skydog.world import herding, mission, obstacles, params
 from skydog.world.params import World
 from skydog.world.state import State, start
 
@@ -39,14 +39,14 @@ def cases(
     the arena (paper, Section "Evaluation in Simulation"). `random`: the sheep vary too, opposite
     the goal, uniform in [L/2, 0.95 L]² for the goal at (0, 0) (`mission.reset`). `anywhere`: they
     are uniform in the arena. Raises `Refusal` for a count below one, unknown starts or,
-    with `paper` starts, another number of sheep than three.
+    with `paper` starts, another number of sheep than three, or a sheep within an obstacle.
     """
     check(starts, sheep, dogs)
     key = jax.random.key(quantities.SEED.checked(seed))
     count = quantities.CASES.checked(count)
     fits(24 * count * (sheep + dogs), f"{count:,} starts of {sheep:,} sheep")
     keys = jax.random.split(key, count)
-    return _drawn(params.traced(world), keys, starts, index(sheep), index(dogs))
+    return _clear(world, _drawn(params.traced(world), keys, starts, index(sheep), index(dogs)))
 
 
 def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: int = 1) -> State:
@@ -103,7 +103,16 @@ def shipped(world: World, name: ShippedStarts) -> State:
     with file.open(encoding="utf-8") as lines:
         shares = np.loadtxt(lines, delimiter=",", skiprows=1, dtype=np.float32)
     placed = _opposite(world, jnp.asarray(shares.reshape(len(shares), -1, 2))) * world.arena.sides
-    return jax.vmap(start)(placed[:, 1:], placed[:, :1])
+    return _clear(world, jax.vmap(start)(placed[:, 1:], placed[:, :1]))
+
+
+def _clear(world: World, drawn: State) -> State:
+    """The starts, if no sheep is within an obstacle; those that are drawn never are."""
+    if world.obstacles is not None:
+        sheep = drawn.sheep.reshape(-1, 2)
+        if bool(jnp.any(obstacles.clearance(world.obstacles, sheep) < 0.0)):
+            raise Refusal("these starts place sheep within obstacles; try --starts random")
+    return drawn
 
 
 def as_table(world: World, drawn: State) -> str:

@@ -125,7 +125,7 @@ def _drawn(
         )
         low, high = jnp.asarray(DOGS_FROM), jnp.asarray(DOGS_TO)
         dog = low + (high - low) * jax.random.uniform(for_dogs, (dogs, 2))
-        return start(world.arena.size * place, world.arena.size * dog)
+        return start(world.arena.sides * place, world.arena.sides * dog)
 
     return jax.vmap(draw)(keys)
 

@@ -30,7 +30,7 @@ from skydog.twin.disturbances import DISTURBANCES, Disturbances
 from skydog.twin.noise import Drawn, Luck
 from skydog.twin.plant import Plant, Truth
 from skydog.twin.record import Record, hold
-from skydog.world import mission, params
+from skydog.world import mission, params, scenes
 from skydog.world.mission import MAX_STEPS, Decision, Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
@@ -135,7 +135,7 @@ class Flight:
     ):
         self.twin, self.steps = twin, steps
         self.world, self.shepherd = params.traced(world), params.traced(shepherd)
-        self.ticks = _ticks(world)
+        self.ticks = _ticks(scenes.check_open(world, "the twin"))
         missions, sheep, _ = starts.sheep.shape
         dogs = starts.dogs.shape[1]
         self.uav, self.rover = profiles.uav(twin.profile), profiles.rover(twin.rovers)

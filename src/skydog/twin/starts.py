@@ -15,6 +15,7 @@ from skydog.flight.limits import APART, PAD
 from skydog.flight.profiles import UAV, Rover
 from skydog.study import cases
 from skydog.study.options import FlyableStarts
+from skydog.world import scenes
 from skydog.world.params import World
 from skydog.world.state import State
 
@@ -66,6 +67,7 @@ def draw(
     dogs: int = 1,
 ) -> State:
     """`count` starts that can be flown: the same for the same arguments. Raises `Refusal`."""
+    scenes.check_open(world, "the twin")
     sort = "random" if kind == "spaced" else kind
     found: list[State] = []
     want = count

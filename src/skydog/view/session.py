@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from skydog import numerics
 from skydog.errors import Refusal
 from skydog.view import ground
-from skydog.world import herding, mission, params, scenes
+from skydog.world import herding, mission, obstacles, params, scenes
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.presets import PRESETS, Point, make
@@ -305,9 +305,9 @@ def _roomy(settings: Settings, worlds: Worlds) -> float:
 def _outside(settings: Settings, session: Session) -> bool:
     """Whether the goal lies outside the arena that the settings ask for."""
     side = settings.arena or _roomy(settings, session.worlds)
-    if settings.scene is not None:
-        side = min(session.world.arena.plain_sides)
-    return settings.goal is not None and max(settings.goal) > side * (1 + 1e-6)
+    sides = (side, side) if settings.scene is None else session.world.arena.plain_sides
+    goal = settings.goal or (0.0, 0.0)
+    return any(at > side * (1 + 1e-6) for at, side in zip(goal, sides, strict=True))
 
 
 def _goal_radius(settings: Settings, worlds: Worlds) -> float:
@@ -333,10 +333,13 @@ def _holding(session: Session, held: tuple[str, int, tuple[float, float]] | None
         world = eqx.tree_at(
             lambda w: (w.arena.goal_x, w.arena.goal_y), session.world, (place[0], place[1])
         )
-        world = params.traced(scenes.with_home(world))
+        world = params.traced(scenes.renewed(world))
         return replace(session, held=None, settings=settings, world=world)
     if session.settings.mode == "race":
         raise Refusal("in a race you cannot drag anybody; fly the dog instead")
+    walls = session.world.obstacles
+    if walls is not None and (who == "sheep" or walls.tall):
+        x, y = obstacles.outside(walls, jnp.asarray([[x, y]], jnp.float32))[0].tolist()
     session = replace(session, held=(who, number, (x, y)))
     own, *others = session.flights
     moved = Flight(_held(own.state, _control(session)), own.step, own.flown)

@@ -114,14 +114,17 @@ def gate(
     Scattered flocks are collected and gathered ones driven (Strömbom 2014; paper, "Problem
     Formulation"): gathered, if no sheep strays further than f(N), by the world's `spread`. A dog
     that finds no stray left for it takes its place behind the flock. Subgoals stay within the
-    airspace, since a point beyond it could never be reached.
+    airspace, since a point beyond it could never be reached. For a dog that has to go around
+    obstacles (`world.routes`) it is the next corner on its way there.
     """
     driving = driving_points(world, sheep, dogs)
     collecting, has_stray = collecting_points(world, sheep, dogs)
     furthest = jnp.max(way_home(world, sheep).stray_distance)
     drives = (furthest <= gathered_radius(world, len(sheep))) | ~has_stray
-    subgoal = jnp.where(drives[:, None], driving, collecting)
-    return within_airspace(world, subgoal), drives
+    subgoal = within_airspace(world, jnp.where(drives[:, None], driving, collecting))
+    if world.obstacles is not None and world.routes is not None:
+        subgoal = world.routes.waypoint(world.obstacles, dogs, subgoal)
+    return subgoal, drives
 
 
 def within_airspace(world: World, position: Float[Array, "dogs 2"]) -> Float[Array, "dogs 2"]:

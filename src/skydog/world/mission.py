@@ -241,9 +241,10 @@ def move(
     sheep = jnp.clip(sheep, 0.0, world.arena.sides)
     dogs = herding.within_airspace(world, state.dogs + world.arena.dt * velocity)
     if world.obstacles is not None:
-        sheep = obstacles.moved(world.obstacles, state.sheep, sheep)
+        sides, beyond = world.arena.sides, world.dog.airspace
+        sheep = obstacles.moved(world.obstacles, state.sheep, sheep, 0.0, sides)
         if world.obstacles.tall:
-            dogs = obstacles.moved(world.obstacles, state.dogs, dogs)
+            dogs = obstacles.moved(world.obstacles, state.dogs, dogs, -beyond, sides + beyond)
     return State(sheep=sheep, dogs=dogs, force=force)
 
 

@@ -4,16 +4,18 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from skydog.world.vectors import norm, unit
+from skydog.world.vectors import Scalar, norm, unit
 
 MOST_OBSTACLES = 10_000  # of a world that is read from a file
-SKIN = 1e-4  # radii: who is pushed out of an obstacle stands so far outside it
+# Who is pushed out of an obstacle stands so far outside it: in its radii, and in shares of the
+# distance from the origin, since float32 rounds what is far out.
+SKIN, ROUNDING = 1e-4, 1e-6
 
 
 class Obstacles(eqx.Module):
     """Capsules: all points nearer than `radius` to a line segment. Metres.
 
-    A segment of no length makes a disc. Any number of them; those with a radius of 0 are lines.
+    A segment of no length makes a disc. Any number of them, each with a radius above 0.
     """
 
     ends: Float[Array, "*batch obstacles 2 2"]  # both ends of each segment, x and y
@@ -45,21 +47,26 @@ def outside(obstacles: Obstacles, position: Float[Array, "some 2"]) -> Float[Arr
     deepest = jnp.argmin(gap, axis=1)[:, None]
     into = jnp.minimum(jnp.take_along_axis(gap, deepest, axis=1), 0.0)
     normal = jnp.take_along_axis(out, deepest[..., None], axis=1)[:, 0]
-    skin = SKIN * obstacles.radius[deepest]
+    skin = SKIN * obstacles.radius[deepest] + ROUNDING * norm(position)[:, None]
     return position - jnp.where(into < 0.0, into - skin, 0.0) * normal
 
 
 def moved(
-    obstacles: Obstacles, before: Float[Array, "some 2"], after: Float[Array, "some 2"]
+    obstacles: Obstacles,
+    before: Float[Array, "some 2"],
+    after: Float[Array, "some 2"],
+    least: Float[Array, "2"] | Scalar,
+    most: Float[Array, "2"] | Scalar,
 ) -> Float[Array, "some 2"]:
     """Where those come to who want to move from `before` to `after`: they slide along obstacles.
 
     Twice out of the obstacle that they are deepest in, since in a corner the way out of one may
-    lead into the next. Who would then still be inside one, or has passed through one, stays.
+    lead into the next, and back into where they may be, from `least` to `most` (x and y). Who
+    would then still be inside one, or has passed through one, stays.
     """
     if obstacles.radius.shape[-1] == 0:
         return after
-    slid = outside(obstacles, outside(obstacles, after))
+    slid = jnp.clip(outside(obstacles, outside(obstacles, after)), least, most)
     stuck = clearance(obstacles, slid) < 0.0
     return jnp.where((stuck | passed(obstacles, before, slid))[:, None], before, slid)
 

@@ -12,6 +12,7 @@ from skydog.errors import Refusal, short
 from skydog.world.laws import Flock
 from skydog.world.limits import AnyDirection, Limits
 from skydog.world.obstacles import Obstacles
+from skydog.world.routes import Routes
 from skydog.world.spread import Spread
 from skydog.world.state import State
 from skydog.world.vectors import PerSheep, Scalar
@@ -119,6 +120,7 @@ class World(eqx.Module):
     home: Any  # which way is home: a `Home`
     end: Any  # when a mission is accomplished: an `End`
     obstacles: Obstacles | None = None  # what stands in the arena
+    routes: Routes | None = None  # how dogs go around tall obstacles
     # Where sheep start that are not placed otherwise: least x and y, greatest x and y, in metres.
     start: Float[Array, "*batch 4"] | Float[np.ndarray, "4"] | None = None
 

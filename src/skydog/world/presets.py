@@ -286,7 +286,8 @@ def make(
     if scene is not None:
         return _in_scene(maker, arena, sheep, goal, goal_radius, scene)
     world = check(maker(sheep=sheep, **({} if arena is None else {"arena": arena})))
-    return _with_goal(world, goal, goal_radius)
+    placed = _with_goal(world, goal, goal_radius)
+    return placed if goal is None and goal_radius is None else scenes.renewed(placed)
 
 
 def _in_scene(

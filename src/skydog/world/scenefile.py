@@ -1,7 +1,6 @@
 """A scene from a file: TOML, or GeoJSON, which maps and drawing programs write."""
 
 import json
-import math
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,8 @@ def read(path: Path) -> Scene:
     GeoJSON: features with a property `role`. `arena` and `start` are polygons, of which the box
     around them counts; `goal` is a point, with a property `radius` where wanted; `wall` is a line
     or a polygon, whose rim is the wall; `disc` is a point with a `radius`. A feature without a
-    role is a wall. Coordinates are metres in the world frame, not degrees.
+    role is a wall. Coordinates are metres in the world frame, not degrees. `dogs` may stand beside
+    `features`.
 
     Raises `Refusal` for anything else.
     """
@@ -49,9 +49,6 @@ def _from_toml(path: Path, table: dict[str, Any]) -> Scene:
     missing = [name for name in ("size", "start", "goal") if name not in table]
     if missing:
         raise Refusal(f"{path}: a scene says its {missing[0]}; add {missing[0]} = [...] in metres")
-    dogs = table.get("dogs", DOGS[0])
-    if dogs not in DOGS:
-        raise Refusal(f"{path}: dogs fly 'above' obstacles or 'around' them, got {short(dogs)}")
     thick = _length(path, "wall_radius", table.get("wall_radius", WALL))
     walls: list[Wall] = []
     for line in _list(path, "walls", table.get("walls", [])):
@@ -68,7 +65,7 @@ def _from_toml(path: Path, table: dict[str, Any]) -> Scene:
         start=(left, low, right, high),
         goal=_point(path, "goal", table["goal"]),
         goal_radius=None if radius is None else _length(path, "goal_radius", radius),
-        tall=dogs == "around",
+        tall=_tall(path, table),
     )
 
 
@@ -118,7 +115,14 @@ def _from_geojson(path: Path, content: bytes) -> Scene:
     left, low, right, high = boxes["arena"]
     if max(abs(left), abs(low)) > 1e-6:
         raise Refusal(f"{path}: the arena begins at 0,0, got {left:g},{low:g}; move the drawing")
-    return Scene((right, high), tuple(walls), boxes["start"], *goal)
+    return Scene((right, high), tuple(walls), boxes["start"], *goal, tall=_tall(path, found))
+
+
+def _tall(path: Path, found: dict[str, Any]) -> bool:
+    dogs = found.get("dogs", DOGS[0])
+    if dogs not in DOGS:
+        raise Refusal(f"{path}: dogs fly 'above' obstacles or 'around' them, got {short(dogs)}")
+    return dogs == "around"
 
 
 def _lines(path: Path, geometry: Any) -> list[list[Point]]:
@@ -165,8 +169,11 @@ def _list(path: Path, name: str, value: Any) -> list[Any]:
 
 def _numbers(path: Path, name: str, value: Any, count: int) -> list[float]:
     plain = isinstance(value, list) and len(value) == count
-    if not plain or not all(type(one) in (int, float) and math.isfinite(one) for one in value):
-        raise Refusal(f"{path}: {name} has {count} numbers in metres, got {short(value)}")
+    # Compared, not converted: a whole number may be too large for a float.
+    if not plain or not all(type(one) in (int, float) and abs(one) <= LONGEST for one in value):
+        raise Refusal(
+            f"{path}: {name} has {count} numbers in metres, to {LONGEST:g}, got {short(value)}"
+        )
     return [float(one) for one in value]
 
 

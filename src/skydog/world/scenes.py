@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from skydog.errors import Refusal, short
-from skydog.world import field
+from skydog.world import field, routes
 from skydog.world.home import AroundHome
 from skydog.world.obstacles import Obstacles
 from skydog.world.params import World
@@ -25,6 +25,8 @@ CELLS = 8  # of the field across a passage
 NODES = (101, 401)  # of the field along the longer side, least and most
 # Metres that ways keep off obstacles, in avoidance radii: a fifth of a passage that is one wide.
 CLEARANCE = 0.2
+MARGIN = 0.2  # avoidance radii that dogs keep off corners that they go around
+PASSABLE = 0.25  # share of the start, at least, that has a way home
 AHEAD = 1.0  # avoidance radii that directions look ahead
 
 
@@ -156,7 +158,17 @@ def placed(world: World, scene: Scene) -> World:
         tall=scene.tall,
     )
     start = jnp.asarray(scene.start, jnp.float32)
-    return replace(world, arena=arena, obstacles=obstacles, start=start)
+    return with_routes(replace(world, arena=arena, obstacles=obstacles, start=start))
+
+
+def with_routes(world: World) -> World:
+    """The world with the ways of dogs around its obstacles, if these are tall."""
+    walls, beyond = world.obstacles, float(world.dog.airspace)
+    if walls is None or not walls.tall:
+        return replace(world, routes=None)
+    wide, high = world.arena.plain_sides
+    most = wide + beyond, high + beyond
+    return replace(world, routes=routes.solve(walls, MARGIN * passage(world), -beyond, most))
 
 
 def with_home(world: World) -> World:
@@ -181,10 +193,31 @@ def with_home(world: World) -> World:
     return replace(world, home=AroundHome(solved))
 
 
+def renewed(world: World) -> World:
+    """The world after its goal has moved: its way home, if it leads around obstacles, anew."""
+    return with_home(world) if isinstance(world.home, AroundHome) else world
+
+
+def check_open(world: World, what: str) -> World:
+    """The world, for what has no place for obstacles: a square without any.
+
+    `what` is the subject of the refusal. Raises `Refusal` for obstacles, for an arena that is no
+    square, and for the way home around obstacles.
+    """
+    for odd, named in (
+        (world.obstacles is not None, "obstacles"),
+        (world.arena.height is not None, "arenas that are not square"),
+        (isinstance(world.home, AroundHome), "a way home around obstacles"),
+    ):
+        if odd:
+            raise Refusal(f"{what} has no {named}; take a world without a scene")
+    return world
+
+
 def _leads_home(solved: field.Field, start: np.ndarray) -> bool:
-    """Whether there is a way from the greater part of the start."""
+    """Whether there is a way from enough of the start for sheep to be drawn there."""
     spots = np.stack(np.meshgrid(*np.linspace(start[:2], start[2:], 20).T), axis=-1).reshape(-1, 2)
-    return bool(np.mean(solved.reaches(jnp.asarray(spots, jnp.float32))) > 0.1)
+    return bool(np.mean(solved.reaches(jnp.asarray(spots, jnp.float32))) >= PASSABLE)
 
 
 def _box(side: float, *shares: float) -> tuple[float, float, float, float]:

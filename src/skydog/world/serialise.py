@@ -22,7 +22,7 @@ from skydog.world.laws.varied import VariedFlock
 from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.obstacles import MOST_OBSTACLES, Obstacles
 from skydog.world.params import Arena, Dog, Sheep, World
-from skydog.world.scenes import with_home
+from skydog.world.scenes import with_home, with_routes
 from skydog.world.spread import FixedSpread, SquareRootSpread, TwoThirdsSpread
 from skydog.world.vectors import PerSheep
 
@@ -122,6 +122,7 @@ def unflatten(values: dict[str, Any]) -> World:
         obstacles=_obstacles(values),
         start=_numbers("start", values["start"], 4, 4) if "start" in values else None,
     )
+    world = with_routes(world)
     return with_home(world) if around else world
 
 
@@ -191,7 +192,7 @@ def _obstacles(values: dict[str, Any]) -> Obstacles | None:
     ends, radius, tall = (values.get(f"obstacles.{name}") for name in ("ends", "radius", "tall"))
     each = _numbers("obstacles.radius", radius, 0, MOST_OBSTACLES)
     places = _numbers("obstacles.ends", ends, 4 * len(each), 4 * len(each))
-    if type(tall) is not bool or np.any(each < 0.0):
+    if type(tall) is not bool or not np.all(each > 0.0):
         raise Refusal(f"{short((radius, tall))} are no radii of obstacles")
     return Obstacles(jnp.asarray(places.reshape(-1, 2, 2)), jnp.asarray(each), tall)
 
