@@ -63,10 +63,10 @@ def seeds(value: Any, worlds: int) -> list[int | None]:
     return [None if one is None else seed(one) for one in value]
 
 
-def options(value: Any) -> dict[str, Any]:
-    """The options of `reset`, none if it was given none. Raises `Refusal` for what is no dict."""
+def options(value: Any, what: str = "the options of reset") -> dict[str, Any]:
+    """Options by name, none if there are none. Raises `Refusal` for what is no dict."""
     if value is not None and not isinstance(value, dict):
-        raise Refusal(f"the options of reset are a dict, got {short(value)}; leave them out")
+        raise Refusal(f"{what} must be a dict, got {short(value)}; leave it out")
     return dict(value or {})
 
 

@@ -43,10 +43,13 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
         observation: str = "compact",
         world: Any = None,
         scene: Any = None,
+        mix: Any = None,
         render_mode: str | None = None,
     ):
-        """`world` takes the place of preset, scene and arena. Raises `Refusal` for bad values."""
-        self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world, scene)
+        """`world` takes the place of preset, scene, arena and mix. Raises `Refusal`."""
+        self.task = tasks.make_task(
+            task, preset, arena, sheep, 1, starts, reward, world, scene, mix
+        )
         self._how = inputs.choice(observation, get_args(ObservationKind), "observation")
         self.observation_space, self.action_space = spaces_of(self.task, self._how)
         self._seen = tasks.observation_size(self.task, self._how)

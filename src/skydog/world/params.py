@@ -12,6 +12,7 @@ from skydog.errors import Refusal, short
 from skydog.world.laws import Flock
 from skydog.world.limits import AnyDirection, Limits
 from skydog.world.obstacles import Obstacles
+from skydog.world.sight import Sight
 from skydog.world.spread import Spread
 from skydog.world.state import State
 from skydog.world.vectors import PerSheep, Scalar
@@ -121,6 +122,10 @@ class World(eqx.Module):
     obstacles: Obstacles | None = None  # what stands in the arena
     # Where sheep start that are not placed otherwise: least x and y, greatest x and y, in metres.
     start: Float[Array, "*batch 4"] | Float[np.ndarray, "4"] | None = None
+    sight: Sight | None = None  # what dogs see of the flock; None is all of it
+    # Sheep get used to dogs: while one is in sight, the weight of `escape` falls by exp(-rate * t).
+    # The rate is per second; None is never. It does not rise again within a mission.
+    habituation: PerSheep | None = None
 
 
 def check(world: World) -> World:
