@@ -7,7 +7,7 @@ from skydog.errors import Refusal
 
 FILE = "sheepdog.safetensors"
 ZOO = Path(__file__).parent / "zoo"
-RULES = ("strombom", "strombom-arrive", "elfiqi", "arc")  # see `skydog.shepherds.rules`
+RULES = ("strombom", "strombom-arrive", "elfiqi", "arc", "rearmost")  # see `skydog.shepherds.rules`
 
 
 def check(name: str) -> None:

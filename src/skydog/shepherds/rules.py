@@ -7,6 +7,7 @@ from typing import Any
 from skydog.shepherds import store
 from skydog.shepherds.arc import Arc
 from skydog.shepherds.elfiqi import ElFiqi
+from skydog.shepherds.rearmost import Rearmost
 from skydog.shepherds.strombom import Strombom
 from skydog.world.mission import Shepherd
 
@@ -15,6 +16,7 @@ RULES: dict[str, Callable[[], Shepherd]] = {
     "strombom-arrive": lambda: Strombom(at_point="arrive"),
     "elfiqi": ElFiqi,
     "arc": Arc,
+    "rearmost": Rearmost,
 }
 """By the names in `finding.RULES`."""
 
