@@ -40,8 +40,8 @@ def test_followers_need_the_law_that_knows_them_and_other_sheep_stay_as_they_wer
     before = preset(name, sheep=4)
     world = preset(name, sheep=4, mix={"follower": 0.5})
     assert isinstance(world.flock, VariedFlock)
-    assert world.flock.follow.tolist() == [0.0, 0.0, 1.0, 1.0]
-    assert world.flock.escape.tolist() == [before.flock.escape] * 2 + [0.0] * 2
+    assert np.asarray(world.flock.follow).tolist() == [0.0, 0.0, 1.0, 1.0]
+    assert np.asarray(world.flock.escape).tolist() == [before.flock.escape] * 2 + [0.0] * 2
 
 
 @pytest.mark.parametrize(

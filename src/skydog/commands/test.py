@@ -71,7 +71,7 @@ def test(
     Example: skydog test runs/herd --arena 6 --goal 6,6 --cases 1000 --starts random
 
     Args:
-        shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi or arc.
+        shepherd: A sheepdog's file, folder or name, or a rule: strombom, elfiqi, arc, rearmost.
         preset: The world of the missions; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.

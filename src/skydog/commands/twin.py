@@ -68,7 +68,7 @@ def twin(
     Example: skydog twin h-ddpg-6x6 --profile ardrone2 --disturb lab --speed 0.17 --video flight.mp4
 
     Args:
-        shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi or arc.
+        shepherd: A sheepdog's file, folder or name, or a rule: strombom, elfiqi, arc, rearmost.
         preset: The world of the missions, paper-physical if not given; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.

@@ -43,7 +43,7 @@ def watch(
     Example: skydog watch h-ddpg-4x4 --sheep 12 --open-browser
 
     Args:
-        shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi or arc.
+        shepherd: A sheepdog's file, folder or name, or a rule: strombom, elfiqi, arc, rearmost.
         preset: The world that pages begin with; see skydog presets.
         world: Your own world to begin with: the name of a world, or of a function of arena and
             sheep, in a Python file, which is run. See docs/own.md.

@@ -157,7 +157,7 @@ def _copy(space: spaces.Box) -> spaces.Box:
 
 @partial(jax.jit, static_argnames="how")
 def _reset(task, how, key, episode, placed) -> Any:
-    env = tasks.place(tasks.reset(task, jax.random.fold_in(key, episode)), placed)
+    env = tasks.place(task, tasks.reset(task, jax.random.fold_in(key, episode)), placed)
     return env, tasks.observe(task, env, how), tasks.info(task, env)
 
 

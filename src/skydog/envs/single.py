@@ -120,7 +120,7 @@ def render_fps(task: tasks.Task) -> int:
 
 @partial(jax.jit, static_argnames="how")
 def _reset(task, how, key, episode, placed) -> Any:
-    env = tasks.place(tasks.reset(task, jax.random.fold_in(key, episode)), placed)
+    env = tasks.place(task, tasks.reset(task, jax.random.fold_in(key, episode)), placed)
     return env, _packed(task, how, env)
 
 

@@ -227,7 +227,7 @@ def _with_numbers(world: Any) -> World:
             raise Refusal(f"world.{part} is an {kind.__name__}, got {short(body)}")
         for name, value in vars(body).items():
             given = inputs.numbers(value)
-            if f"{part}.{name}" in serialise.LAWS:
+            if f"{part}.{name}" in serialise.LAWS or (name == "height" and value is None):
                 continue
             least = np.finfo(np.float32).tiny if name in ("size", "dt") else 0.0
             inside = given is not None and bool(np.all((least <= given) & (given < np.inf)))
@@ -274,10 +274,9 @@ def _check_free(world: World, name: str, places: np.ndarray) -> None:
         raise Refusal(f"the option {name!r} places one within an obstacle, at {at}; move it")
 
 
-def place(env: EnvState, where: dict[str, Float[Array, "some 2"]]) -> EnvState:
+def place(task: Task, env: EnvState, where: dict[str, Float[Array, "some 2"]]) -> EnvState:
     """The mission begun somewhere else: `sheep` and `dogs` in metres, those that are given."""
-    state = replace(env.episode.state, memory=None, **where)
-    state = memory.begin(world, state)
+    state = memory.begin(task.world, replace(env.episode.state, memory=None, **where))
     return replace(env, episode=replace(env.episode, state=state))
 
 

@@ -76,7 +76,7 @@ def fly_all(shepherds: Mapping[str, Shepherd], fly: Fly, track: Track) -> Result
     for name, mix in track("Why", mixes.items()):
         where = world(*mix)
         results["why"][name] = {
-            called: _gathering(_flown(fly, where, dog, SHEEP)) for called, dog in two.items()
+            called: _gathering(where, _flown(fly, where, dog, SHEEP)) for called, dog in two.items()
         }
     parts = mixes | {f"{AIM:.0%} short-sighted": ("short-sighted", AIM)}
     for name, mix in track("Parts of rearmost", parts.items()):
@@ -159,11 +159,11 @@ def _rows(
     return rows
 
 
-def _gathering(flown: Trace) -> dict[str, float]:
+def _gathering(where: World, flown: Trace) -> dict[str, float]:
     """For how long the gate took the flock for gathered, and how many sheep came home."""
     last = np.where(flown.accomplished.any(1), flown.accomplished.argmax(1), STEPS)
     under_way = np.arange(flown.drives.shape[1]) < last[:, None]
     gathered = np.sum(np.asarray(flown.drives)[..., 0] & under_way) / max(np.sum(under_way), 1)
-    away = norm(flown.sheep[:, -1] - herding.goal(flown.world.arena))
-    home = np.mean(np.sum(np.asarray(away) <= flown.world.arena.goal_radius, axis=1))
+    away = norm(flown.sheep[:, -1] - herding.goal(where.arena))
+    home = np.mean(np.sum(np.asarray(away) <= where.arena.goal_radius, axis=1))
     return {"gathered": float(gathered), "home": float(home)}

@@ -35,7 +35,7 @@ KINDS: dict[str, Kind] = {
 }
 """By the names in `options.KIND_NAMES`."""
 
-Mix = Mapping[str, float]
+Mix = Mapping[str, Any]
 """The share of the flock that is of each kind, by name."""
 
 

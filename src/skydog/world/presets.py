@@ -213,7 +213,7 @@ def preset(
     goal: Point | None = None,
     goal_radius: float | None = None,
     scene: str | Path | None = None,
-    mix: Mapping[str, float] | None = None,
+    mix: Mapping[str, Any] | None = None,
 ) -> World:
     """A world by the name of its preset, for `sheep` sheep in an arena of `arena` metres.
 

@@ -50,10 +50,10 @@ def seen(
 def _behind_another(
     away: Float[Array, "dogs sheep 2"], distance: Float[Array, "dogs sheep"], body: Scalar
 ) -> Bool[Array, "dogs sheep"]:
-    """Whether a nearer sheep is within `body` of the line from each dog to each sheep."""
+    """Whether a sheep that is nearer by `body` is within `body` of the line from a dog to one."""
     line = unit(away)[:, :, None]  # to the one that is looked for
     other = away[:, None, :]
     along = jnp.sum(line * other, axis=-1)
     aside = jnp.abs(line[..., 0] * other[..., 1] - line[..., 1] * other[..., 0])
-    before = (along > 0.0) & (along < distance[:, :, None]) & (aside < body)
+    before = (along > 0.0) & (along < distance[:, :, None] - body) & (aside < body)
     return jnp.any(before & ~jnp.eye(distance.shape[1], dtype=bool), axis=-1)

@@ -1,6 +1,7 @@
 """The state of a mission: where everyone is."""
 
 import math
+from dataclasses import field
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,7 +24,8 @@ class State(eqx.Module):
     sheep: Float[Array, "*batch sheep 2"]
     dogs: Float[Array, "*batch dogs 2"]
     force: Float[Array, "*batch sheep 2"]  # what moved the sheep in the step before
-    memory: Memory | None = None  # of worlds that ask for one: see `skydog.world.memory.begin`
+    # Of worlds that ask for one: see `skydog.world.memory.begin`.
+    memory: Memory | None = field(default=None, kw_only=True)
 
 
 def start(sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]) -> State:
