@@ -11,7 +11,7 @@ from skydog import files, quantities
 from skydog.errors import Refusal, short
 from skydog.quantities import Quantity
 from skydog.shepherds import finding
-from skydog.world.options import PRESET_NAMES, SCENE_NAMES
+from skydog.world.options import KIND_NAMES, PRESET_NAMES, SCENE_NAMES
 
 if TYPE_CHECKING:
     from skydog.world.params import World
@@ -46,6 +46,19 @@ def _scene(word: str) -> str:
             f"no scene is called {short(word)}, and no file; choose from {', '.join(SCENE_NAMES)}"
         )
     return word
+
+
+def _mix(word: str) -> dict[str, float]:
+    mix: dict[str, float] = {}
+    for part in word.split(","):
+        name, _, share = part.partition("=")
+        if name not in KIND_NAMES or name in mix:
+            raise Refusal(
+                f"{short(part)} is no other kind of sheep and its share; try loner=0.2, "
+                f"or one of {', '.join(KIND_NAMES)}"
+            )
+        mix[name] = quantities.SHARE.checked(share)
+    return mix
 
 
 def _shepherd(word: str) -> str:
@@ -83,6 +96,7 @@ MaybeFilm = Annotated[Path | None, _one_word(_path, "FILE.mp4")]
 Preset = Annotated[str, _one_word(_preset, "NAME")]
 MaybePreset = Annotated[str | None, _one_word(_preset, "NAME")]
 MaybeScene = Annotated[str | None, _one_word(_scene, "NAME|FILE")]
+MaybeMix = Annotated[dict[str, float] | None, _one_word(_mix, "KIND=SHARE,...")]
 Shepherd = Annotated[str, _one_word(_shepherd, "SHEEPDOG|strombom")]
 Sheepdog = Annotated[str, _one_word(_shepherd, "SHEEPDOG")]
 Trace = Annotated[Path, _one_word(_there, "TRACE")]
@@ -143,9 +157,10 @@ def world_of(
     goal_radius: float | None = None,
     nearness: float | None = None,
     scene: str | None = None,
+    mix: dict[str, float] | None = None,
 ) -> "World":
     """The preset's world, or the one of your own, FILE.py:NAME, in a scene. Raises `Refusal`."""
-    from skydog.world import loading, mission, presets
+    from skydog.world import loading, mission, mixing, presets
 
     asked = arena, sheep, goal_of(goal), goal_radius, scene
     if own is None:
@@ -153,6 +168,7 @@ def world_of(
     else:
         one_world(preset, own)
         world = mission.check(presets.make(loading.maker(own), *asked), sheep, max(dogs, 1))
+    world = mixing.mixed(world, sheep, mix or {})
     return world if nearness is None else presets.with_nearness(world, nearness)
 
 

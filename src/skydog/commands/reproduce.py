@@ -27,6 +27,7 @@ def reproduce(
     patterns: bool = False,
     teams: bool = False,
     herdability: bool = False,
+    mixed: bool = False,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study, its physical study or the herdability map of others.
@@ -46,6 +47,7 @@ def reproduce(
         patterns: Fly the six patterns of El-Fiqi et al. 2020 instead; trains nothing.
         teams: Fly several dogs beside one instead; trains nothing.
         herdability: Measure how few dogs capture how many sheep that do not hold together.
+        mixed: Fly flocks in which some sheep are of another kind instead; trains nothing.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -58,6 +60,7 @@ def reproduce(
         "patterns": patterns,
         "teams": teams,
         "herdability": herdability,
+        "mixed": mixed,
     }
     chosen = [name for name, wanted in others.items() if wanted]
     if len(chosen) > 1:

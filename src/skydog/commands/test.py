@@ -16,6 +16,7 @@ from skydog.commands.flags import (
     GoalRadius,
     Json,
     MaybeArena,
+    MaybeMix,
     MaybeOut,
     MaybeScene,
     MaybeSheep,
@@ -50,6 +51,7 @@ def test(
     goal_radius: GoalRadius = None,
     sheep: MaybeSheep = None,
     dogs: Dogs = 1,
+    mix: MaybeMix = None,
     nearness: Nearness = None,
     cases: Cases = 30,
     starts: Starts | None = None,
@@ -70,7 +72,7 @@ def test(
 
     Args:
         shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi, arc, team,
-            lama or ring.
+            rearmost, lama or ring.
         preset: The world of the missions; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
@@ -82,6 +84,8 @@ def test(
         goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock; as many as the world has if not given, 3 in a preset.
         dogs: Dogs, which all fly the same shepherd.
+        mix: Other kinds of sheep and their shares of the flock, such as loner=0.2,noisy=0.1:
+            stubborn, short-sighted, loner, noisy, follower, slow. See docs/mixed.md.
         nearness: Which stray a dog collects: the one with the greatest (distance from the flock's
             centre - nearness * distance from the dog). 0 takes the furthest, as in the paper; 1
             prefers one near the dog. If not given: 0 beside the paper's figures, else the world's.
@@ -106,10 +110,11 @@ def test(
 
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
-    where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness, scene)
+    where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness, scene, mix)
     steps = steps or (1000 if scene is None else 5000)
     starts = starts or ("paper" if scene is None else "random")
     as_paper = (preset, world, scene, starts, dogs) == ("paper", None, None, "paper", 1)
+    as_paper = as_paper and not mix
     as_paper = as_paper and presets.has_own_goal(where, preset, sheep) and not nearness
     if as_paper:
         where = presets.furthest_first(where)
@@ -126,6 +131,8 @@ def test(
         name += f"-{preset if world is None else loading.title(world)}"
     if scene is not None:
         name += f"-{Path(scene).stem}"
+    if mix:
+        name += "".join(f"-{share:g}-{kind}" for kind, share in mix.items())
     drawn = draws.cases(where, cases, starts, seed, sheep, dogs)
     key = evaluate.noise_key(where, seed)
     # The metrics need the sheep at the start and at the end alone; a trace's file shows more.

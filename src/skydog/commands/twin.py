@@ -69,7 +69,7 @@ def twin(
 
     Args:
         shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi, arc, team,
-            lama or ring.
+            rearmost, lama or ring.
         preset: The world of the missions, paper-physical if not given; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.

@@ -8,6 +8,7 @@ from skydog.commands.flags import (
     Goal,
     GoalRadius,
     MaybeArena,
+    MaybeMix,
     MaybeScene,
     MaybeSheep,
     OwnWorld,
@@ -29,6 +30,7 @@ def watch(
     goal_radius: GoalRadius = None,
     sheep: MaybeSheep = None,
     dogs: Dogs = 1,
+    mix: MaybeMix = None,
     host: str = "127.0.0.1",
     port: Port = 8020,
     open_browser: bool = False,
@@ -42,7 +44,7 @@ def watch(
 
     Args:
         shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi, arc, team,
-            lama or ring.
+            rearmost, lama or ring.
         preset: The world that pages begin with; see skydog presets.
         world: Your own world to begin with: the name of a world, or of a function of arena and
             sheep, in a Python file, which is run. See docs/own.md.
@@ -53,13 +55,15 @@ def watch(
         goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Sheep in the flock, 1 to 200; as many as the world has if not given.
         dogs: Dogs, 1 to 8.
+        mix: Other kinds of sheep and their shares of the flock in every world of the page, such as
+            loner=0.2,noisy=0.1. See docs/mixed.md.
         host: The address to listen at. Other computers can reach all addresses except 127.0.0.1;
             0.0.0.0 means all addresses of this machine. See docs/watch.md.
         port: The port to listen at; 0 means any free port.
         open_browser: Open the page in the browser at once.
     """
     from skydog.view import live
-    from skydog.world import loading, presets
+    from skydog.world import loading, mixing, presets
 
     one_world(preset, world)
     worlds = dict(presets.PRESETS)
@@ -68,6 +72,8 @@ def watch(
         preset = f"{preset} (yours)" if preset in worlds else preset
         worlds = {preset: loading.maker(world), **worlds}
     sheep = own_sheep(world, sheep)
+    if mix:
+        worlds = {name: mixing.maker(make, mix) for name, make in worlds.items()}
     shepherds = live.policies(shepherd)
     with live.serve(
         shepherds,

@@ -63,16 +63,14 @@ def seeds(value: Any, worlds: int) -> list[int | None]:
     return [None if one is None else seed(one) for one in value]
 
 
-def options(value: Any) -> dict[str, Any]:
-    """The options of `reset`, none if it was given none. Raises `Refusal` for what is no dict."""
+def options(value: Any, what: str = "the options of reset") -> dict[str, Any]:
+    """Options by name, none if there are none. Raises `Refusal` for what is no dict."""
     if value is not None and not isinstance(value, dict):
-        raise Refusal(f"the options of reset are a dict, got {short(value)}; leave them out")
+        raise Refusal(f"{what} must be a dict, got {short(value)}; leave it out")
     return dict(value or {})
 
 
-def places(
-    value: Any, name: str, count: int, low: float, high: tuple[float, float]
-) -> np.ndarray:
+def places(value: Any, name: str, count: int, low: float, high: tuple[float, float]) -> np.ndarray:
     """Where `count` of them are, x and y in metres, as float32. Raises `Refusal`."""
     given = numbers(value)
     if given is None or given.shape != (count, 2) or not np.all((low <= given) & (given <= high)):

@@ -46,13 +46,14 @@ class ParallelHerdingEnv(ParallelEnv[str, np.ndarray, Any]):
         observation: str = "compact",
         world: Any = None,
         scene: Any = None,
+        mix: Any = None,
         max_steps: int = MAX_STEPS,
         render_mode: str | None = None,
     ):
-        """`world` takes the place of preset, scene and arena. Raises `Refusal` for bad values."""
+        """`world` takes the place of preset, scene, arena and mix. Raises `Refusal`."""
         self._max_steps = inputs.count(max_steps, "max_steps", tasks.NEVER)
         self.task = tasks.make_task(
-            "herd", preset, arena, sheep, dogs, starts, world=world, scene=scene
+            "herd", preset, arena, sheep, dogs, starts, world=world, scene=scene, mix=mix
         )
         self._how = inputs.choice(observation, get_args(ObservationKind), "observation")
         seen, done = spaces_of(self.task, self._how)
@@ -156,7 +157,7 @@ def _copy(space: spaces.Box) -> spaces.Box:
 
 @partial(jax.jit, static_argnames="how")
 def _reset(task, how, key, episode, placed) -> Any:
-    env = tasks.place(tasks.reset(task, jax.random.fold_in(key, episode)), placed)
+    env = tasks.place(task, tasks.reset(task, jax.random.fold_in(key, episode)), placed)
     return env, tasks.observe(task, env, how), tasks.info(task, env)
 
 

@@ -43,10 +43,13 @@ class HerdingEnv(gymnasium.Env[np.ndarray, Any]):
         observation: str = "compact",
         world: Any = None,
         scene: Any = None,
+        mix: Any = None,
         render_mode: str | None = None,
     ):
-        """`world` takes the place of preset, scene and arena. Raises `Refusal` for bad values."""
-        self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world, scene)
+        """`world` takes the place of preset, scene, arena and mix. Raises `Refusal`."""
+        self.task = tasks.make_task(
+            task, preset, arena, sheep, 1, starts, reward, world, scene, mix
+        )
         self._how = inputs.choice(observation, get_args(ObservationKind), "observation")
         self.observation_space, self.action_space = spaces_of(self.task, self._how)
         self._seen = tasks.observation_size(self.task, self._how)
@@ -117,7 +120,7 @@ def render_fps(task: tasks.Task) -> int:
 
 @partial(jax.jit, static_argnames="how")
 def _reset(task, how, key, episode, placed) -> Any:
-    env = tasks.place(tasks.reset(task, jax.random.fold_in(key, episode)), placed)
+    env = tasks.place(task, tasks.reset(task, jax.random.fold_in(key, episode)), placed)
     return env, _packed(task, how, env)
 
 

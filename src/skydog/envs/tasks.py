@@ -1,5 +1,6 @@
 """The tasks of the environments: a mission or a lesson, as pure functions of an episode."""
 
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import equinox as eqx
@@ -16,7 +17,7 @@ from skydog.learning.options import Reward
 from skydog.shepherds import sheepdog
 from skydog.study import cases
 from skydog.study.options import Starts
-from skydog.world import herding, mission, obstacles, params, serialise
+from skydog.world import herding, memory, mission, obstacles, params, serialise
 from skydog.world.home import AroundHome
 from skydog.world.params import World
 from skydog.world.presets import PRESETS
@@ -77,7 +78,7 @@ class HerdTask(eqx.Module):
         """A mission that has not begun."""
         for_start, for_noise = jax.random.split(key)
         state = cases.draw(self.world, for_start, self.starts, self.sheep, self.dogs)
-        return Mission(state, for_noise, jnp.asarray(0))
+        return Mission(memory.begin(self.world, state), for_noise, jnp.asarray(0))
 
     def step(self, episode: Mission, action: Float[Array, "dogs 2"]) -> tuple[Mission, Outcome]:
         """Fly one step; `action` is each dog's velocity, in shares of the speed limit."""
@@ -92,9 +93,8 @@ class HerdTask(eqx.Module):
 
     def perceived(self, episode: Mission) -> tuple[State, Float[Array, "dogs 2"], Float[Array, ""]]:
         """What the dogs make out: the state, their subgoals in it, and the scale, which is 1."""
-        state = episode.state
-        if self.noisy:
-            state = mission.perceive(self.world, state, self._keys(episode)[1])
+        perceiving = self._keys(episode)[1] if self.noisy else None
+        state = mission.perceive(self.world, episode.state, perceiving)
         subgoal, _ = herding.gate(self.world, state.sheep, state.dogs)
         return state, subgoal, jnp.ones(())
 
@@ -150,7 +150,8 @@ class LessonTask(eqx.Module):
         self, episode: lessons.Episode
     ) -> tuple[State, Float[Array, "1 2"], Float[Array, ""]]:
         """The state, the subgoal in it, and the scale that the dog sees them at."""
-        return episode.state, self.lesson.subgoal(episode), episode.scale
+        seen = replace(episode, state=mission.perceive(self.world, episode.state))
+        return seen.state, self.lesson.subgoal(seen), episode.scale
 
     def scene(
         self, episode: lessons.Episode
@@ -187,6 +188,7 @@ def make_task(
     reward: str = "progress",
     world: Any = None,
     scene: Any = None,
+    mix: Any = None,
 ) -> Task:
     """The task of a `TaskName`, in a preset's world or in one of your own.
 
@@ -198,12 +200,12 @@ def make_task(
     inputs.choice(preset, PRESETS, "preset")
     sheep = inputs.count(sheep, "sheep", MAX_SHEEP)
     dogs = inputs.count(dogs, "dogs", MAX_DOGS)
-    if world is not None and (arena is not None or preset != "paper" or scene is not None):
-        raise Refusal("world takes the place of preset, scene and arena; leave those out")
+    if world is not None and (arena is not None or preset != "paper" or scene or mix):
+        raise Refusal("world takes the place of preset, scene, arena and mix; leave those out")
     if scene is not None and what != "herd":
         raise Refusal(f"the lesson {what!r} has no obstacles; leave out scene={short(scene)}")
     if world is None:
-        chosen = preset_world(preset, arena, sheep, scene=scene)
+        chosen = preset_world(preset, arena, sheep, scene=scene, mix=inputs.options(mix, "mix"))
     else:
         chosen = mission.check(_with_numbers(world), sheep, dogs)
     traced = params.traced(chosen)
@@ -278,14 +280,10 @@ def _check_free(world: World, name: str, places: np.ndarray) -> None:
         raise Refusal(f"the option {name!r} places one within an obstacle, at {at}; move it")
 
 
-def place(env: EnvState, where: dict[str, Float[Array, "some 2"]]) -> EnvState:
+def place(task: Task, env: EnvState, where: dict[str, Float[Array, "some 2"]]) -> EnvState:
     """The mission begun somewhere else: `sheep` and `dogs` in metres, those that are given."""
-    state = eqx.tree_at(
-        lambda state: [getattr(state, who) for who in where],
-        env.episode.state,
-        list(where.values()),
-    )
-    return eqx.tree_at(lambda env: env.episode.state, env, state)
+    state = memory.begin(task.world, replace(env.episode.state, memory=None, **where))
+    return replace(env, episode=replace(env.episode, state=state))
 
 
 def step(task: Task, env: EnvState, action: Float[Array, "dogs 2"]) -> tuple[EnvState, Outcome]:

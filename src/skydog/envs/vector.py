@@ -50,6 +50,7 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
         observation: str = "compact",
         world: Any = None,
         scene: Any = None,
+        mix: Any = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
@@ -66,7 +67,9 @@ class HerdingVectorEnv(VectorEnv[np.ndarray, Any, np.ndarray]):
             modes = [mode.value for mode in AutoresetMode]
             autoreset_mode = AutoresetMode(inputs.choice(autoreset_mode, modes, "autoreset_mode"))
         self.autoreset_mode = autoreset_mode  # where TorchRL looks for it
-        self.task = tasks.make_task(task, preset, arena, sheep, 1, starts, reward, world, scene)
+        self.task = tasks.make_task(
+            task, preset, arena, sheep, 1, starts, reward, world, scene, mix
+        )
         pairs = self.task.sheep * min(self.task.sheep, ALL_PAIRS)
         what = f"num_envs, with {self.task.sheep} sheep,"
         num_envs = inputs.count(num_envs, what, min(MOST, MOST_PAIRS // pairs))

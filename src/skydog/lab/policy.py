@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from skydog.errors import Refusal
 from skydog.flight.base import Decided
-from skydog.world import mission, params
+from skydog.world import memory, mission, params
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
@@ -53,6 +53,7 @@ class Policy:
     """Asked with `ask`, it answers with `answer`; asked again meanwhile, the newest counts."""
 
     def __init__(self, world: World, shepherd: Shepherd, sheep: int, dogs: int):
+        memory.none(world, "the laboratory")
         self.problem: str | None = None
         self._period = float(world.arena.dt)
         self._sheep, self._dogs = sheep, dogs

@@ -4,7 +4,7 @@ Paper, "A Hierarchical Framework of DDPGs".
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import equinox as eqx
@@ -17,7 +17,7 @@ from skydog.learning.options import Bodies, Reward, Skill
 from skydog.shepherds import frame as frames
 from skydog.shepherds import sheepdog
 from skydog.shepherds.options import Frame
-from skydog.world import herding, mission, scenes
+from skydog.world import herding, memory, mission, scenes
 from skydog.world.params import World
 from skydog.world.state import State, start
 from skydog.world.vectors import norm
@@ -148,7 +148,7 @@ class Lesson(eqx.Module):
             sheep = jnp.where(anywhere, drawn, sheep)
         dog = herding.gcm(sheep) + jax.random.uniform(for_dog, (1, 2), minval=-REACH, maxval=REACH)
         return Episode(
-            state=start(sheep, herding.within_airspace(world, dog)),
+            state=memory.begin(world, start(sheep, herding.within_airspace(world, dog))),
             goal=goal,
             scale=scale,
             step=jnp.asarray(0),
@@ -238,5 +238,6 @@ class Lesson(eqx.Module):
 
     def _observed(self, episode: Episode) -> Float[Array, "4"]:
         """What the dog sees in metres, in the world's axes."""
-        state = episode.state
-        return sheepdog.observe(state.sheep, state.dogs, self.subgoal(episode))[0]
+        state = mission.perceive(self.world, episode.state)
+        subgoal = self.subgoal(replace(episode, state=state))
+        return sheepdog.observe(state.sheep, state.dogs, subgoal)[0]

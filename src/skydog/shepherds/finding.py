@@ -8,7 +8,7 @@ from skydog.errors import Refusal
 FILE = "sheepdog.safetensors"
 ZOO = Path(__file__).parent / "zoo"
 # See `skydog.shepherds.rules`.
-RULES = ("strombom", "strombom-arrive", "elfiqi", "arc", "team", "lama", "ring")
+RULES = ("strombom", "strombom-arrive", "elfiqi", "arc", "rearmost", "team", "lama", "ring")
 TEAM = "team:"  # before a sheepdog's name: a team whose dogs fly with its skills
 
 

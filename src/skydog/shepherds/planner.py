@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.errors import Refusal
-from skydog.world import herding, mission, params
+from skydog.world import herding, memory, mission, params
 from skydog.world.params import World
 from skydog.world.state import State
 from skydog.world.trace import Trace
@@ -88,6 +88,7 @@ def plan(
     """
     if not flights:
         raise Refusal("a plan is searched for from one flight or more, got none")
+    state = memory.begin(world, state)
     # As it was flown, if rounding would make it longer.
     exact = [flown(world, state, flight, decimals=None) for flight in flights]
     best = min([*(flown(world, state, flight) for flight in flights), *exact], key=_rank)
@@ -155,7 +156,7 @@ def flown(
         )
     if not np.all(np.isfinite(velocity)):
         raise Refusal("a flight holds a velocity that is not finite; give numbers in m/s")
-    given = len(velocity)
+    state, given = memory.begin(world, state), len(velocity)
     rounded = np.asarray(velocity, np.float64)
     if decimals is not None:
         # To a thousandth of the last decimal first: 0.123 in float32 is not to become 0.122.
@@ -184,7 +185,7 @@ def fly(
 
     commands = jnp.zeros((steps + 1, *state.dogs.shape))
     commands = commands.at[: len(velocity)].set(velocity[:steps])
-    begin = state, jnp.asarray(False)
+    begin = memory.begin(world, state), jnp.asarray(False)
     _, record = jax.lax.scan(instant, begin, (jnp.arange(steps + 1), commands))
     return mission.as_trace(world, record, steps)
 

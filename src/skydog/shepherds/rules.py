@@ -8,6 +8,7 @@ from skydog.shepherds import finding, store
 from skydog.shepherds.arc import Arc
 from skydog.shepherds.elfiqi import ElFiqi
 from skydog.shepherds.lama import Lama
+from skydog.shepherds.rearmost import Rearmost
 from skydog.shepherds.ring import Ring
 from skydog.shepherds.strombom import Strombom
 from skydog.shepherds.team import Team
@@ -18,6 +19,7 @@ RULES: dict[str, Callable[[], Shepherd]] = {
     "strombom-arrive": lambda: Strombom(at_point="arrive"),
     "elfiqi": ElFiqi,
     "arc": Arc,
+    "rearmost": Rearmost,
     "team": Team,
     "lama": Lama,
     "ring": Ring,

@@ -1,5 +1,6 @@
 """Cases: the starts that every shepherd of a comparison flies from."""
 
+from dataclasses import replace
 from importlib import resources
 from operator import index
 from typing import get_args
@@ -51,7 +52,8 @@ def cases(
 
 def draw(world: World, key: PRNGKeyArray, starts: Starts, sheep: int = 3, dogs: int = 1) -> State:
     """One start, of the kinds that `cases` explains."""
-    drawn = mission.reset(world, key, sheep, dogs)
+    # Without a memory: it may be moved, and flown in another world.
+    drawn = replace(mission.reset(world, key, sheep, dogs), memory=None)
     if starts == "random":
         return drawn
     if starts == "anywhere":

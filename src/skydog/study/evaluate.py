@@ -18,7 +18,7 @@ from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.shepherds.team import Team
 from skydog.study import metrics, statistics
-from skydog.world import mission, params
+from skydog.world import memory, mission, params
 from skydog.world.mission import MAX_STEPS, Record, Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
@@ -227,6 +227,7 @@ def _fly(
             seen = seen.at[:, place].set(positions, mode="drop")
         return at + chunk, state, done, record, seen
 
+    starts = jax.vmap(lambda case: memory.begin(world, case))(starts)
     start = jnp.asarray(0), starts, jnp.zeros(cases, bool)
     whole = (steps // chunk + 1) * chunk
     blank = jax.tree.map(

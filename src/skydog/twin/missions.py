@@ -30,7 +30,7 @@ from skydog.twin.disturbances import DISTURBANCES, Disturbances
 from skydog.twin.noise import Drawn, Luck
 from skydog.twin.plant import Plant, Truth
 from skydog.twin.record import Record, hold
-from skydog.world import mission, params, scenes
+from skydog.world import memory, mission, params, scenes
 from skydog.world.mission import MAX_STEPS, Decision, Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
@@ -133,6 +133,7 @@ class Flight:
         steps: int,
         key: PRNGKeyArray | None,
     ):
+        memory.none(world, "the twin")
         self.twin, self.steps = twin, steps
         self.world, self.shepherd = params.traced(world), params.traced(shepherd)
         self.ticks = _ticks(scenes.check_open(world, "the twin"))

@@ -364,10 +364,10 @@ def _held(state: State, control: Control) -> State:
     """The state with whoever is held where the pointer is."""
     dogs = (jnp.arange(len(state.dogs)) == control.dog)[:, None]
     sheep = (jnp.arange(len(state.sheep)) == control.sheep)[:, None]
-    return State(
+    return replace(
+        state,
         sheep=jnp.where(sheep, control.place, state.sheep),
         dogs=jnp.where(dogs, control.place, state.dogs),
-        force=state.force,
     )
 
 

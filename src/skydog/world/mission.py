@@ -1,6 +1,7 @@
 """A mission: start, decide, step, and a whole rollout as a trace (paper, Eqs 10 to 13)."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from typing import Any, Protocol, runtime_checkable
 
@@ -11,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog import numerics, quantities
 from skydog.errors import Refusal
-from skydog.world import herding, obstacles, params
+from skydog.world import herding, memory, obstacles, params
 from skydog.world.params import Dog, World
 from skydog.world.state import State, start
 from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Ending, Trace
@@ -64,9 +65,8 @@ def reset(world: World, key: PRNGKeyArray, sheep: int = 3, dogs: int = 1) -> Sta
     """
     sheep, dogs = quantities.SHEEP.checked(sheep), quantities.DOGS.checked(dogs)
     for_sheep, for_dogs = jax.random.split(key)
-    return start(
-        draw_sheep(world, for_sheep, sheep, *opposite(world)), draw_dogs(world, for_dogs, dogs)
-    )
+    places = draw_sheep(world, for_sheep, sheep, *opposite(world))
+    return memory.begin(world, start(places, draw_dogs(world, for_dogs, dogs)))
 
 
 def opposite(world: World) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
@@ -208,7 +208,8 @@ def decide(
     decide on `seen`, if they see something else. `key` draws what is random in the sheep's law.
     The kinematic world moves everyone as decided (`move`); bodies with physics try to.
     """
-    velocity = shepherd(world, state if seen is None else seen)
+    state = memory.begin(world, state)
+    velocity = shepherd(world, perceive(world, state) if seen is None else seen)
     if jnp.shape(velocity) != state.dogs.shape:
         raise Refusal(
             f"the shepherd gave velocities of the shape {jnp.shape(velocity)}, not one x and y "
@@ -217,7 +218,7 @@ def decide(
     subgoal, drives = herding.gate(world, state.sheep, state.dogs)
     return Decision(
         velocity=limited(world.dog, velocity),
-        force=world.flock.force(state, key),
+        force=memory.flock(world, state).force(state, key),
         subgoal=subgoal,
         drives=drives,
     )
@@ -245,7 +246,8 @@ def move(
         sheep = obstacles.moved(world.obstacles, state.sheep, sheep, 0.0, sides)
         if world.obstacles.tall:
             dogs = obstacles.moved(world.obstacles, state.dogs, dogs, -beyond, sides + beyond)
-    return State(sheep=sheep, dogs=dogs, force=force)
+    state = memory.begin(world, state)
+    return memory.update(world, state, State(sheep=sheep, dogs=dogs, force=force))
 
 
 @numerics.untraced
@@ -260,7 +262,8 @@ def step(
     `key` draws the noise that the world's parameters ask for; without one there is none.
     """
     for_sheep, for_dogs = (None, None) if key is None else jax.random.split(key)
-    force = world.flock.force(state, for_sheep)
+    state = memory.begin(world, state)
+    force = memory.flock(world, state).force(state, for_sheep)
     return move(world, state, limited(world.dog, velocity), force, for_dogs)
 
 
@@ -270,14 +273,21 @@ def accomplished(world: World, state: State) -> Bool[Array, ""]:
     return world.end.accomplished(world, state)
 
 
-def perceive(world: World, state: State, key: PRNGKeyArray) -> State:
-    """The state as the dogs see it, each coordinate off by the world's perception noise."""
+def perceive(world: World, state: State, key: PRNGKeyArray | None = None) -> State:
+    """The state as the dogs see it: each sheep where it was last seen, if sight is limited.
+
+    With a `key`, each coordinate is off by the world's perception noise.
+    """
+    if state.memory is not None and state.memory.last_seen is not None:
+        state = replace(state, sheep=state.memory.last_seen)
+    if key is None:
+        return state
     for_sheep, for_dogs = jax.random.split(key)
     sd = world.dog.perception_noise
-    return State(
+    return replace(
+        state,
         sheep=state.sheep + sd * jax.random.normal(for_sheep, state.sheep.shape),
         dogs=state.dogs + sd * jax.random.normal(for_dogs, state.dogs.shape),
-        force=state.force,
     )
 
 
@@ -333,7 +343,9 @@ def _rollout(
     world: World, shepherd: Shepherd, state: State, steps: int, key: PRNGKeyArray | None
 ) -> Record:
     fly = instant(world, shepherd, steps, key)
-    return jax.lax.scan(fly, (state, jnp.asarray(False)), jnp.arange(steps + 1))[1]
+    return jax.lax.scan(
+        fly, (memory.begin(world, state), jnp.asarray(False)), jnp.arange(steps + 1)
+    )[1]
 
 
 def instant(

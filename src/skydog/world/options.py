@@ -14,3 +14,6 @@ PRESET_NAMES = (
 
 SCENE_NAMES = ("gate", "corridor", "u-trap", "maze", "clutter")
 """The names of `skydog.world.scenes.SCENES`."""
+
+KIND_NAMES = ("stubborn", "short-sighted", "loner", "noisy", "follower", "slow")
+"""The names of `skydog.world.mixing.KINDS`."""

@@ -13,6 +13,7 @@ from skydog.world.laws import Flock
 from skydog.world.limits import AnyDirection, Limits
 from skydog.world.obstacles import Obstacles
 from skydog.world.routes import Routes
+from skydog.world.sight import Sight
 from skydog.world.spread import Spread
 from skydog.world.state import State
 from skydog.world.vectors import PerSheep, Scalar
@@ -123,6 +124,10 @@ class World(eqx.Module):
     routes: Routes | None = None  # how dogs go around tall obstacles
     # Where sheep start that are not placed otherwise: least x and y, greatest x and y, in metres.
     start: Float[Array, "*batch 4"] | Float[np.ndarray, "4"] | None = None
+    sight: Sight | None = None  # what dogs see of the flock; None is all of it
+    # Sheep get used to dogs: while one is in sight, the weight of `escape` falls by exp(-rate * t).
+    # The rate is per second; None is never. It does not rise again within a mission.
+    habituation: PerSheep | None = None
 
 
 def check(world: World) -> World:

@@ -1,7 +1,7 @@
 """Presets: named worlds, every value with its source."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ import equinox as eqx
 
 from skydog import quantities
 from skydog.errors import Refusal, short
-from skydog.world import scenefile, scenes
+from skydog.world import mixing, scenefile, scenes
 from skydog.world.end import AllHome, ShareHome
 from skydog.world.home import StraightHome
 from skydog.world.laws.diffusive import DiffusiveFlock, diffusing
@@ -252,17 +252,20 @@ def preset(
     goal: Point | None = None,
     goal_radius: float | None = None,
     scene: str | Path | None = None,
+    mix: Mapping[str, Any] | None = None,
 ) -> World:
     """A world by the name of its preset, for `sheep` sheep in an arena of `arena` metres.
 
     `goal`, x and y, and its radius 𝔻 are in metres too; what is None is the preset's own.
     `scene` puts it among obstacles: the name of a scene, or a file (`skydog.world.scenes`).
+    `mix` gives shares of the flock to other kinds of sheep (`skydog.world.mixing`).
     Raises `Refusal` for an unknown name, an arena that is not wider than the goal's radius, a
     goal outside the arena, or a flock of fewer than one sheep.
     """
     if not isinstance(name, str) or name not in PRESETS:
         raise Refusal(f"no preset is called {short(name)}; choose from {', '.join(PRESETS)}")
-    return make(PRESETS[name], arena, sheep, goal, goal_radius, scene)
+    world = make(PRESETS[name], arena, sheep, goal, goal_radius, scene)
+    return world if mix is None else mixing.mixed(world, sheep, mix)
 
 
 def make(

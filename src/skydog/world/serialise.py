@@ -23,6 +23,7 @@ from skydog.world.limits import AnyDirection, PerAxis
 from skydog.world.obstacles import MOST_OBSTACLES, Obstacles
 from skydog.world.params import Arena, Dog, Sheep, World
 from skydog.world.scenes import with_home, with_routes
+from skydog.world.sight import Sight
 from skydog.world.spread import FixedSpread, SquareRootSpread, TwoThirdsSpread
 from skydog.world.vectors import PerSheep
 
@@ -99,6 +100,10 @@ def flatten(world: World, sheep: int | None = None) -> dict[str, Plain]:
         values["obstacles.tall"] = world.obstacles.tall
     if world.start is not None:
         values["start"] = _plain(world.start)
+    if world.sight is not None:
+        _flatten(values, "sight", world.sight)
+    if world.habituation is not None:
+        values["habituation"] = _plain(world.habituation)
     return values
 
 
@@ -121,6 +126,10 @@ def unflatten(values: dict[str, Any]) -> World:
         end=_law(values, "end"),
         obstacles=_obstacles(values),
         start=_numbers("start", values["start"], 4, 4) if "start" in values else None,
+        sight=_module(values, "sight", Sight) if "sight.radius" in values else None,
+        habituation=_value("habituation", values["habituation"], PerSheep)
+        if "habituation" in values
+        else None,
     )
     world = with_routes(world)
     return with_home(world) if around else world

@@ -1,6 +1,7 @@
 """The state of a mission: where everyone is."""
 
 import math
+from dataclasses import field
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,12 +11,21 @@ from jaxtyping import Array, Float
 from skydog.errors import Refusal
 
 
+class Memory(eqx.Module):
+    """What is remembered of each sheep (`skydog.world.memory`); None is not remembered."""
+
+    fear: Float[Array, "*batch sheep"] | None = None  # its share of the first fear: 1 to 0
+    last_seen: Float[Array, "*batch sheep 2"] | None = None  # where dogs last saw it, metres
+
+
 class State(eqx.Module):
     """Where everyone is. Metres; the force is dimensionless."""
 
     sheep: Float[Array, "*batch sheep 2"]
     dogs: Float[Array, "*batch dogs 2"]
     force: Float[Array, "*batch sheep 2"]  # what moved the sheep in the step before
+    # Of worlds that ask for one: see `skydog.world.memory.begin`.
+    memory: Memory | None = field(default=None, kw_only=True)
 
 
 def start(sheep: Float[Array, "sheep 2"], dogs: Float[Array, "dogs 2"]) -> State:
