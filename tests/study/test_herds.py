@@ -38,6 +38,13 @@ def test_a_run_is_the_mission_that_is_flown_from_its_start(found):
     assert (found.captured != NEVER).any()
 
 
+def test_a_run_does_not_depend_on_how_many_are_herded_with_it(found, monkeypatch):
+    monkeypatch.setattr(herds, "A_FEW", 1)
+    again = herds.herd(WORLD, Lama(), BEGUN, STEPS, KEY)
+    for name in herds.Herds._fields:
+        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
+
+
 def test_herding_stops_at_its_last_step_and_tells_how_far_it_is():
     told = []
     none = herds.herd(WORLD, Lama(), BEGUN, 20, KEY, lambda *what: told.append(what))

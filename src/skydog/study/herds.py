@@ -18,6 +18,7 @@ from skydog.world.state import State, start
 from skydog.world.vectors import norm
 
 CHUNK = 500  # steps between looks at which runs are over
+A_FEW = 12  # runs that are herded on together, whichever of them are over
 NEVER = -1
 
 
@@ -94,8 +95,9 @@ def herd(
         progress(at - 1, count - int(on.sum()))
         if at > steps or not on.any():
             return Herds(share, settled, captured)
-        if 2 * on.sum() <= len(on):  # a half at most goes on: compiled for few sizes
-            keep = np.flatnonzero(on)
+        if on.sum() <= len(on) // 2 and len(on) > A_FEW:
+            # Half of them, the others among them: each size is compiled.
+            keep = np.argsort(~on, kind="stable")[: len(on) // 2]
             who = who[keep]
             running = jax.tree.map(lambda leaf, keep=keep: leaf[keep], running)
 
@@ -116,19 +118,23 @@ def _chunk(
         over = (run.captured != NEVER) | all_home
         decided = mission.decide(world, shepherd, run.state, key=for_sheep)
         after = mission.move(world, run.state, decided.velocity, decided.force)
-        first = lambda when, step: jnp.where((step == NEVER) & when, now, step)  # noqa: E731
         return _Running(
             jax.tree.map(lambda old, new: jnp.where(over, old, new), run.state, after),
             run.key,
             jnp.maximum(run.share, share),
-            first(many_home, run.settled),
-            first(all_home, run.captured),
+            _first(now, many_home, run.settled),
+            _first(now, all_home, run.captured),
         )
 
     def step(number: Int[Array, ""], running: _Running) -> _Running:
         return jax.vmap(partial(instant, number))(running)
 
     return jax.lax.fori_loop(at, until, step, running)
+
+
+def _first(now: Int[Array, ""], happens: Bool[Array, ""], step: Int[Array, ""]) -> Int[Array, ""]:
+    """The step at which something happened first: now, if it had not before."""
+    return jnp.where((step == NEVER) & happens, now, step)
 
 
 def _home(world: World, state: State) -> Bool[Array, " sheep"]:
