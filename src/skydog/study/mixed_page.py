@@ -36,8 +36,8 @@ NOTES = (
     "Why the gate fails with loners: it lets a dog drive only while every sheep is within f(N) of "
     "the flock's centre. A loner flees as far as the dog is seen, 65 m, and nothing brings it "
     "back. A dog that fetches it to the centre flies around it, and drives the others away, loners "
-    "on the other side furthest. So the flock is never gathered, and the dog never drives; the "
-    "first table below shows for how long.",
+    "on the other side furthest. So the flock is never gathered, and the dog never drives; its "
+    "table shows for how long.",
     "What `rearmost` changes: no gate and no centre. Each sheep is driven straight to the goal, "
     "the one with the longest way first, and the dog stands 3/2 f(N) behind it instead of 2 m: "
     "from there it pushes all sheep nearly the same way. Sheep that do not see a dog stand still: "
@@ -48,8 +48,8 @@ NOTES = (
     "and one dog does not suffice; flocks without loners it brings there too. A follower stays "
     "with the dog, behind the flock, where this dog never leads it home.",
     "The numbers of `rearmost` (3/2, 1/2 and 4/5) were found on starts of other seeds, with sheep "
-    "of these kinds, and rounded. The tables of flocks, goals and worlds are of such in which "
-    "nothing was tuned; a gathered flock of 100 it brings home more slowly than `strombom`.",
+    "of these kinds and, more coarsely, with the flocks and worlds of the later tables, and rounded. "
+    "A gathered flock of 100 it brings home more slowly than `strombom`.",
     "Success has its Wilson 95 % interval. Steps are mean ± SD with the bootstrap 95 % interval of "
     f"the mean; a mission that fails counts with all its {mixed.STEPS:,} steps. The share of 0 is "
     "one set of missions, shown with every kind.",
