@@ -26,7 +26,7 @@ def folder(unchecked, tmp_path_factory):
             "ELSEWHERE": {"another": ("strombom2014", 100.0, 4)},
             "SIGHTS": {"80 m": mixed.SIGHTS["80 m"]},
             "HABITUATION": (0.001,),
-            "STEPS": 1000,
+            "STEPS": 2000,
         }.items():
             few.setattr(mixed, name, value)
         returned = command.run(out, "skydog reproduce --mixed")

@@ -64,7 +64,11 @@ MORE_CASES = 50  # of a row that is not of the sweep
 def fly_all(shepherds: Mapping[str, Shepherd], fly: Fly, track: Track) -> Results:
     """Fly shepherds, by name, with every kind and share; and two of them in other ways."""
     two = {name: shepherds[name] for name in (OURS, THEIRS) if name in shepherds}
-    mixes = {"no others": (), f"{AIM:.0%} loners": ("loner", AIM), "all loners": ("loner", 1.0)}
+    mixes = {
+        "no others": (),
+        f"{100 * AIM:g} % loners": ("loner", AIM),
+        "all loners": ("loner", 1.0),
+    }
     results: Results = {"shares": {kind: {} for kind in KINDS}, "why": {}, "lesser": {}}
     for share in track("Shares of every kind", SHARES):
         for kind in KINDS:
@@ -78,7 +82,7 @@ def fly_all(shepherds: Mapping[str, Shepherd], fly: Fly, track: Track) -> Result
         results["why"][name] = {
             called: _gathering(where, _flown(fly, where, dog, SHEEP)) for called, dog in two.items()
         }
-    parts = mixes | {f"{AIM:.0%} short-sighted": ("short-sighted", AIM)}
+    parts = mixes | {f"{100 * AIM:g} % short-sighted": ("short-sighted", AIM)}
     for name, mix in track("Parts of rearmost", parts.items()):
         results["lesser"][name] = _rows(fly, LESSER, world(*mix), SHEEP)
     results["flocks"] = {
@@ -110,13 +114,14 @@ def fly_all(shepherds: Mapping[str, Shepherd], fly: Fly, track: Track) -> Result
 def world(
     kind: str | None = None,
     share: float = 0.0,
-    sheep: int = SHEEP,
+    sheep: int | None = None,
     goal: tuple[float, float] | None = None,
 ) -> World:
-    """The preset's world with a share of one kind.
+    """The preset's world with a share of one kind, for `SHEEP` sheep if not given.
 
     Each sheep has its own of all that any kind changes: what is compiled for one serves all.
     """
+    sheep = sheep or SHEEP
     mix = {} if kind is None else {kind: share}
     found = preset(PRESET, sheep=sheep, goal=goal, mix=mix)
     flock = VariedFlock(**vars(found.flock))
