@@ -24,6 +24,7 @@ def reproduce(
     from_zoo: bool = False,
     physical: bool = False,
     patterns: bool = False,
+    scenes: bool = False,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study or its physical study, and compare with the paper.
@@ -35,12 +36,13 @@ def reproduce(
     Example: skydog reproduce --from-zoo
 
     Args:
-        out: The run folder; runs/reproduce, runs/physical or runs/patterns if not given.
+        out: The run folder; runs/reproduce, or runs and the name of the study, if not given.
         seeds: Number of sheepdogs of each kind, one per seed.
         episodes: Training episodes of each skill; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
         physical: Repeat the paper's physical study, in the physics twin.
         patterns: Fly the six patterns of El-Fiqi et al. 2020 instead; trains nothing.
+        scenes: Herd around obstacles instead, in the five scenes; trains nothing.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -48,10 +50,11 @@ def reproduce(
     from skydog.study import evaluate
 
     command = console.command_line()
-    if physical and patterns:
-        raise Refusal("--physical and --patterns are two studies; leave one of them out")
-    study = "physical" if physical else "patterns" if patterns else "reproduce"
-    out = out or Path("runs") / study
+    asked = {"physical": physical, "patterns": patterns, "scenes": scenes}
+    chosen = [name for name, wanted in asked.items() if wanted]
+    if len(chosen) > 1:
+        raise Refusal(f"--{chosen[0]} and --{chosen[1]} are two studies; leave one of them out")
+    out = out or Path("runs") / (chosen[0] if chosen else "reproduce")
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
     if physical:
@@ -66,6 +69,12 @@ def reproduce(
 
         with files.claimed(out):
             results = six.run(out, command)
+    elif scenes:
+        from skydog.commands import navigate
+        from skydog.study.navigate_page import summary as table
+
+        with files.claimed(out):
+            results = navigate.run(out, command)
     else:
         table = _table
         with files.claimed(out):
