@@ -28,6 +28,7 @@ def reproduce(
     teams: bool = False,
     herdability: bool = False,
     mixed: bool = False,
+    scenes: bool = False,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study, its physical study or the herdability map of others.
@@ -48,6 +49,7 @@ def reproduce(
         teams: Fly several dogs beside one instead; trains nothing.
         herdability: Measure how few dogs capture how many sheep that do not hold together.
         mixed: Fly flocks in which some sheep are of another kind instead; trains nothing.
+        scenes: Herd around obstacles instead, in the five scenes; trains nothing.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -61,6 +63,7 @@ def reproduce(
         "teams": teams,
         "herdability": herdability,
         "mixed": mixed,
+        "scenes": scenes,
     }
     chosen = [name for name, wanted in others.items() if wanted]
     if len(chosen) > 1:

@@ -153,11 +153,11 @@ def trajectories(traces: dict[str, Trace]) -> Figure:
         limits = min(low for low, _ in ends), max(high for _, high in ends)
         for axes, (name, trace) in zip(panels, traces.items(), strict=True):
             ground(axes, trace.world, limits)
-            _paths(axes, trace)
+            paths_of(axes, trace)
             turn = f"turns by {float(metrics.turn(trace)):.0f}° a step"
             axes.set_title(f"{title(name)}\n{outcome(trace)}\n{turn}", loc="left", parse_math=False)
         panels[0].set(xlim=limits, ylim=limits)
-        figure.legend(handles=_key(), loc="outside lower center", ncols=min(6, 3 * len(traces)))
+        figure.legend(handles=key(), loc="outside lower center", ncols=min(6, 3 * len(traces)))
     return figure
 
 
@@ -247,7 +247,8 @@ def _rewards(axes: Axes, name: str, seeds: list[Curve]) -> None:
         axes.set_title(f"mean and SD of {len(seeds)} seeds", loc="right", fontsize=8)
 
 
-def _paths(axes: Axes, trace: Trace) -> None:
+def paths_of(axes: Axes, trace: Trace) -> None:
+    """Draw the paths of sheep, flock and dogs, and where they start and end."""
     sheep, dogs = np.asarray(trace.sheep), np.asarray(trace.dogs)
     for path in np.swapaxes(sheep, 0, 1):
         axes.plot(*path.T, color=ROLES["sheep"], linewidth=0.7, alpha=0.45)
@@ -261,7 +262,8 @@ def _paths(axes: Axes, trace: Trace) -> None:
         axes.plot(*paths[-1].T, color=ROLES[role], **style)
 
 
-def _key() -> list[Line2D | Patch]:
+def key() -> list[Line2D | Patch]:
+    """What the legend of `paths_of` says."""
     sheep, dog = ROLES["sheep"], ROLES["dog"]
     hollow = {"marker": "o", "color": "#444444", "linestyle": "", "markersize": 4}
     return [
