@@ -38,37 +38,60 @@ REAR = 0.3
 class AroundHome(eqx.Module):
     """Around obstacles: the shortest way of each sheep, from a field over the arena (ours).
 
-    While all sheep are in sight of their centre, they are gathered as in the open, and then driven
-    along the centre's way home. A flock that an obstacle divides is pushed sheep by sheep, each
-    along its own way: a sheep strays by how much further its way is than that of the foremost,
-    and the rearmost count as strays even if that is less than f(N).
+    See `around`.
     """
 
     field: Field
 
     def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
         """Who strays, where to push it and where to drive. `sheep` are positions in metres."""
-        distance, direction = self.field.at(sheep)
-        centre = herding.gcm(sheep)
-        centre_distance, centre_direction = self.field.at(centre[None])
-        behind = distance - jnp.min(distance)
-        gathered = herding.gathered_radius(world, len(sheep))
-        together = jnp.max(norm(sheep - centre)) <= gathered
-        together &= jnp.min(direction @ unit(jnp.mean(direction, axis=0))) >= ONE_WAY
-        lag = jnp.maximum((1.0 + REAR) * gathered - jnp.max(behind), 0.0)
-        stray, push = behind + jnp.where(together, 0.0, lag), direction
-        if world.obstacles is not None:
-            middle = jnp.broadcast_to(centre, sheep.shape)
-            seen = ~jnp.any(obstacles.passed(world.obstacles, sheep, middle))
-            stray = jnp.where(seen, norm(sheep - centre), stray)
-            push = jnp.where(seen, -unit(sheep - centre), push)
-        return Way(
-            drive_direction=centre_direction[0],
-            distance_home=centre_distance[0],
-            stray_distance=stray,
-            push_direction=push,
-        )
+        places = jnp.concatenate([sheep, herding.gcm(sheep)[None]])
+        return around(world, sheep, *self.field.at(places))
 
     def reaches(self, places: Float[Array, "some 2"]) -> Bool[Array, " some"]:
         """Whether there is a way home from each place."""
         return self.field.reaches(places)
+
+
+class Given(eqx.Module):
+    """A way that is known already, such as the one that a shepherd has found for itself."""
+
+    found: Way
+
+    def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
+        """The way that was found, whatever the world and its sheep."""
+        del world, sheep
+        return self.found
+
+
+def around(
+    world: World,
+    sheep: Float[Array, "sheep 2"],
+    distance: Float[Array, " places"],
+    direction: Float[Array, "places 2"],
+) -> Way:
+    """The way around obstacles, from how far home is and whither: of each sheep, then of the GCM.
+
+    While all sheep are in sight of their centre, they are gathered as in the open, and then driven
+    along the centre's way home. A flock that an obstacle divides is pushed sheep by sheep, each
+    along its own way: a sheep strays by how much further its way is than that of the foremost,
+    and the rearmost count as strays even if that is less than f(N).
+    """
+    centre, own = herding.gcm(sheep), direction[:-1]
+    behind = distance[:-1] - jnp.min(distance[:-1])
+    gathered = herding.gathered_radius(world, len(sheep))
+    together = jnp.max(norm(sheep - centre)) <= gathered
+    together &= jnp.min(own @ unit(jnp.mean(own, axis=0))) >= ONE_WAY
+    lag = jnp.maximum((1.0 + REAR) * gathered - jnp.max(behind), 0.0)
+    stray, push = behind + jnp.where(together, 0.0, lag), own
+    if world.obstacles is not None:
+        middle = jnp.broadcast_to(centre, sheep.shape)
+        seen = ~jnp.any(obstacles.passed(world.obstacles, sheep, middle))
+        stray = jnp.where(seen, norm(sheep - centre), stray)
+        push = jnp.where(seen, -unit(sheep - centre), push)
+    return Way(
+        drive_direction=direction[-1],
+        distance_home=distance[-1],
+        stray_distance=stray,
+        push_direction=push,
+    )
