@@ -24,6 +24,7 @@ def reproduce(
     from_zoo: bool = False,
     physical: bool = False,
     patterns: bool = False,
+    navigate: bool = False,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study or its physical study, and compare with the paper.
@@ -35,12 +36,13 @@ def reproduce(
     Example: skydog reproduce --from-zoo
 
     Args:
-        out: The run folder; runs/reproduce, runs/physical or runs/patterns if not given.
+        out: The run folder; runs/reproduce, runs/physical and so on if not given.
         seeds: Number of sheepdogs of each kind, one per seed.
         episodes: Training episodes of each skill; the paper has 3000.
         from_zoo: Train nothing; fly the sheepdogs that ship.
         physical: Repeat the paper's physical study, in the physics twin.
         patterns: Fly the six patterns of El-Fiqi et al. 2020 instead; trains nothing.
+        navigate: Fly with a map, with the skill navigate and with neither instead; trains nothing.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -48,9 +50,13 @@ def reproduce(
     from skydog.study import evaluate
 
     command = console.command_line()
-    if physical and patterns:
-        raise Refusal("--physical and --patterns are two studies; leave one of them out")
-    study = "physical" if physical else "patterns" if patterns else "reproduce"
+    asked = {"physical": physical, "patterns": patterns, "navigate": navigate}
+    studies = [name for name, wanted in asked.items() if wanted]
+    if len(studies) > 1:
+        raise Refusal(
+            f"--{studies[0]} and --{studies[1]} are two studies; leave one of them out"
+        )
+    study = studies[0] if studies else "reproduce"
     out = out or Path("runs") / study
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
@@ -66,6 +72,12 @@ def reproduce(
 
         with files.claimed(out):
             results = six.run(out, command)
+    elif navigate:
+        from skydog.commands import navigation
+        from skydog.study.navigation_page import summary as table
+
+        with files.claimed(out):
+            results = navigation.run(out, command)
     else:
         table = _table
         with files.claimed(out):

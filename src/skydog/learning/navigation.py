@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog.errors import Refusal
+from skydog.learning import ddpg
 from skydog.learning.lessons import Outcome
 from skydog.shepherds import navigate
 from skydog.world import field, obstacles
 from skydog.world.obstacles import Obstacles
-from skydog.world.vectors import norm, unit
+from skydog.world.vectors import norm
 
 # Lengths are in sights: what is seen does not depend on the size of anything.
 SCENES = 128  # that episodes draw from
@@ -35,6 +36,8 @@ STRIDE = 0.1  # that the point moves in a step: eight of a mission, for the pape
 TURN = 0.5
 HORIZON = 150  # steps of an episode
 STEP_COST = 0.01  # sights
+CONFIG = ddpg.Config(actor=(64, 64), critic=(128, 128), discount=0.9)
+"""The learner's numbers. It sees more than a dog does; the geodesic reward needs no foresight."""
 
 
 class Scenes(eqx.Module):
@@ -235,4 +238,4 @@ def _discs(drawn: np.random.Generator, side: float) -> np.ndarray:
     return np.stack([middle, middle], axis=1)
 
 
-_ = unit
+
