@@ -53,9 +53,7 @@ def reproduce(
     asked = {"physical": physical, "patterns": patterns, "navigate": navigate}
     studies = [name for name, wanted in asked.items() if wanted]
     if len(studies) > 1:
-        raise Refusal(
-            f"--{studies[0]} and --{studies[1]} are two studies; leave one of them out"
-        )
+        raise Refusal(f"--{studies[0]} and --{studies[1]} are two studies; leave one of them out")
     study = studies[0] if studies else "reproduce"
     out = out or Path("runs") / study
     if from_zoo and files.exists(out / "trainings"):

@@ -55,9 +55,9 @@ def train(
 ) -> int:
     """Train one sheepdog, or several at once, and test each.
 
-    A sheepdog needs two trainings, of the skills collect and drive, or three. Each training runs on its
-    own core. The folder of a sheepdog has its learning curves as CSV, its checkpoints, and at
-    the end the sheepdog. Ctrl-C loses nothing: --resume continues with the same results.
+    A sheepdog needs two trainings, of the skills collect and drive, or three. Each training runs
+    on its own core. The folder of a sheepdog has its learning curves as CSV, its checkpoints, and
+    at the end the sheepdog. Ctrl-C loses nothing: --resume continues with the same results.
 
     Example: skydog train --seeds 8 --out runs/eight
 
@@ -165,7 +165,9 @@ def _train(
     count, world = len(folders), curriculum.world()
     if curriculum.as_paper:
         world = presets.furthest_first(world)
-    console.say(f"Training {count} x {len(curriculum.skills)} skills, {curriculum.steps:,} steps each:")
+    console.say(
+        f"Training {count} x {len(curriculum.skills)} skills, {curriculum.steps:,} steps each:"
+    )
     if not training.train_all(todo, write):
         return training.stopped(command)
     results = {}

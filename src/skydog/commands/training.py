@@ -24,6 +24,7 @@ from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world.limits import PerAxis
 from skydog.world.serialise import flatten
 
+
 def jobs(curriculum: Curriculum, folder: Path, seed: int, resume: bool) -> list[Job]:
     """The trainings of one sheepdog: two, or three if it navigates."""
     return [Job(curriculum, skill, seed, folder / skill, resume) for skill in curriculum.skills]

@@ -161,23 +161,25 @@ def lesson() -> Navigation:
         found = _scene(drawn, len(kept) % 4)
         if found is not None:
             kept.append(found)
-    ends, radius, *rest = (jnp.asarray(np.stack(part), jnp.float32) for part in zip(*kept))
+    ends, radius, *rest = (
+        jnp.asarray(np.stack(part), jnp.float32) for part in zip(*kept, strict=True)
+    )
     return Navigation(Scenes(Obstacles(ends, radius), *rest))
 
 
 def _scene(drawn: np.random.Generator, kind: int) -> tuple[np.ndarray, ...] | None:
-    """A scene of one of four kinds: gates, traps, walls, discs; None if hardly a place leads home."""
+    """A scene of one of four kinds: gates, traps, walls, discs; None if hardly a way leads home."""
     side = drawn.uniform(*SIDES)
     ends = np.full((WALLS, 2, 2), -FAR)
     radius = np.zeros(WALLS)
     lines = [_gates, _traps, _loose, _discs][kind](drawn, side)
     ends[: len(lines)] = lines
-    radius[: len(lines)] = (
-        drawn.uniform(*DISCS, len(lines)) if kind == 3 else drawn.uniform(*THICK)
-    )
+    radius[: len(lines)] = drawn.uniform(*DISCS, len(lines)) if kind == 3 else drawn.uniform(*THICK)
     goal = drawn.uniform(0.0, side, 2)
     # In sides, so that what is compiled for one scene serves all.
-    walls = Obstacles(jnp.asarray(ends / side, jnp.float32), jnp.asarray(radius / side, jnp.float32))
+    walls = Obstacles(
+        jnp.asarray(ends / side, jnp.float32), jnp.asarray(radius / side, jnp.float32)
+    )
     x, y = map(float, goal / side)
     try:
         way = field.solve(
@@ -236,6 +238,3 @@ def _discs(drawn: np.random.Generator, side: float) -> np.ndarray:
     """Four to sixteen discs anywhere."""
     middle = drawn.uniform(0.0, side, (drawn.integers(4, WALLS + 1), 2))
     return np.stack([middle, middle], axis=1)
-
-
-

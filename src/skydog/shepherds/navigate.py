@@ -19,7 +19,10 @@ RAYS = 16  # directions in which the way is seen, evenly, the first one straight
 SIGHT = 4.0  # how far, in offsets behind a stray (R_ππ, paper)
 
 SEES = (
-    *(f"obstacle {360 * ray / RAYS:g}° from the way home (1 - metres / sight)" for ray in range(RAYS)),
+    *(
+        f"obstacle {360 * ray / RAYS:g}° from the way home (1 - metres / sight)"
+        for ray in range(RAYS)
+    ),
     "straight way home (sights, 1 at most)",
     "heading, along the way home (unit vector)",
     "heading, across the way home (unit vector, 0 or more)",

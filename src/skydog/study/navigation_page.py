@@ -21,7 +21,8 @@ INTRODUCTION = (
     "how far the way is free in 16 directions, 4 m at most "
     "([`skydog.shepherds.navigate`](#skydog.shepherds.navigate)). `straight` knows nothing of "
     "obstacles.",
-    f"Each cell is of {navigation.SHEEP} sheep and {navigation.CASES} random starts, the same ones for all three. Success has "
+    f"Each cell is of {navigation.SHEEP} sheep and {navigation.CASES} random starts, the same ones "
+    "for all three. Success has "
     "its Wilson 95 % interval. Steps are mean ± SD; a mission that fails counts with all its "
     f"{navigation.STEPS:,} steps. A cell of `navigate` or `straight` is marked ▲ where it succeeds "
     "more often than the field, and ▼ where less often (McNemar's exact test, 5 %, each row by "
@@ -32,8 +33,7 @@ INTRODUCTION = (
 def table(results: Results, part: str) -> Table:
     """Success and steps of one part of the study, a line each."""
     rows = [
-        [where, *(_cell(by[way]) for way in navigation.WAYS)]
-        for where, by in results[part].items()
+        [where, *(_cell(by[way]) for way in navigation.WAYS)] for where, by in results[part].items()
     ]
     return ["success, steps", *navigation.WAYS], rows
 
