@@ -107,7 +107,7 @@ def fuse(curriculum: Curriculum, folder: Path, seed: int) -> tuple[Sheepdog, dic
         training, histories[job.skill] = load(job.folder, like, job.card)
         skills[job.skill] = training.agent.skill
     size = float(curriculum.world().arena.size)
-    collect, drive, navigate = (skills.get(skill) for skill in get_args(Skill))
+    collect, drive, navigate = skills["collect"], skills["drive"], skills.get("navigate")
     return Sheepdog(collect, drive, size, curriculum.frame, navigate), histories
 
 

@@ -146,7 +146,7 @@ def wrong_maps(sheep: int) -> dict[str, tuple[World, World]]:
 def moving(sheep: int) -> dict[str, tuple[World, Sway]]:
     """Worlds by name, and how their obstacles move; the map is of where they stand at first."""
     gate, clutter, crossing = _named("gate", sheep), _named("clutter", sheep), _crossing(sheep)
-    side = gate.arena.size
+    side = float(gate.arena.size)
     return {
         "gate that slides": (_endless(gate), _all_along(gate, (side / 4, 0.0), 60.0)),
         "discs that cross": (crossing, _in_turns(crossing, side / 6, 40.0)),
