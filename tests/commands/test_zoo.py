@@ -34,8 +34,9 @@ def from_zoo(tmp_path_factory):
 def test_the_sheepdogs_that_ship_are_flown_without_training(from_zoo):
     assert_whole(*from_zoo)
     kinds = ["dhrl-4x4", "dhrl-6x6", "h-ddpg-4x4", "h-ddpg-6x6"]
+    others = ["h-ddpg-4x4-navigate", "h-ddpg-4x4-physical", "h-ddpg-6x6-physical"]
     study = [name + frame for name in kinds for frame in ("", "-paper-frame")]
-    assert store.ships() == sorted([*study, "h-ddpg-4x4-physical", "h-ddpg-6x6-physical"])
+    assert store.ships() == sorted([*study, *others])
 
 
 @pytest.mark.parametrize(

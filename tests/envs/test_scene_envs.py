@@ -30,7 +30,9 @@ distance = jax.jit(lambda home, places: home.field.at(places)[0])
 @pytest.fixture(scope="module")
 def pen(tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "pen.toml"
-    path.write_text("size = [9, 5]\nstart = [5, 1, 8, 4]\ngoal = [1, 4]\nwalls = [[[4, 0], [4, 3]]]")
+    path.write_text(
+        "size = [9, 5]\nstart = [5, 1, 8, 4]\ngoal = [1, 4]\nwalls = [[[4, 0], [4, 3]]]"
+    )
     return path
 
 

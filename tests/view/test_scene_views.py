@@ -118,14 +118,18 @@ def test_a_goal_that_is_dragged_in_a_scene_takes_its_way_home_along(file):
 
 def test_a_goal_is_not_dragged_into_an_obstacle_that_is_larger(tmp_path):
     path = tmp_path / "rock.toml"
-    path.write_text(SCENE.replace("1.5, 1.0]]", "1.5, 1.4]]").replace("radius = 1.0", "radius = 0.3"))
+    path.write_text(
+        SCENE.replace("1.5, 1.0]]", "1.5, 1.4]]").replace("radius = 1.0", "radius = 0.3")
+    )
     session = begun(scene=str(path))
     with pytest.raises(Refusal, match=r"the goal at 2.5,1.5 lies within an obstacle; move it"):
         update(session, {"hold": ("goal", 0, (2.5, 1.5))})
 
 
 def test_a_sheep_that_is_dragged_into_an_obstacle_stands_at_its_rim(file):
-    session = advance(update(begun(scene=str(file)), {"hold": ("sheep", 0, (2.6, 1.5))}), SHEPHERDS, 2)
+    session = advance(
+        update(begun(scene=str(file)), {"hold": ("sheep", 0, (2.6, 1.5))}), SHEPHERDS, 2
+    )
     place = session.flights[0].state.sheep[:1]
     assert 0.0 <= float(obstacles.clearance(session.world.obstacles, place)[0]) < 0.01
     free = advance(update(session, {"hold": None}), SHEPHERDS, 0)

@@ -57,7 +57,9 @@ def test_a_dog_in_sight_of_its_target_goes_straight_there():
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.4])
-def test_a_dog_behind_a_wall_goes_around_its_nearer_end_in_little_more_than_the_least_metres(radius):
+def test_a_dog_behind_a_wall_goes_around_its_nearer_end_in_little_more_than_the_least_metres(
+    radius,
+):
     walls = lines([[5, 3], [5, 9]], radius=radius)
     found = routes.solve(walls, 0.2, 0.0, (SIDE, SIDE))
     dog, target = jnp.asarray([[3.0, 5.0]]), jnp.asarray([[7.0, 5.0]])
@@ -67,7 +69,13 @@ def test_a_dog_behind_a_wall_goes_around_its_nearer_end_in_little_more_than_the_
 
 
 def test_a_dog_gets_out_of_a_trap_of_which_every_way_begins_away_from_its_target():
-    trap = [[(2, 2), (2, 8)], [(2, 8), (8, 8)], [(8, 8), (8, 2)], [(2, 2), (4, 2)], [(6, 2), (8, 2)]]
+    trap = [
+        [(2, 2), (2, 8)],
+        [(2, 8), (8, 8)],
+        [(8, 8), (8, 2)],
+        [(2, 2), (4, 2)],
+        [(6, 2), (8, 2)],
+    ]
     walls = lines(*trap)
     found = routes.solve(walls, 0.2, 0.0, (SIDE, SIDE))
     place, length = walked(found, walls, jnp.asarray([[5.0, 7.0]]), jnp.asarray([[5.0, 9.0]]))

@@ -29,6 +29,7 @@ def reproduce(
     herdability: bool = False,
     mixed: bool = False,
     scenes: bool = False,
+    navigate: bool = False,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study, its physical study or the herdability map of others.
@@ -50,6 +51,7 @@ def reproduce(
         herdability: Measure how few dogs capture how many sheep that do not hold together.
         mixed: Fly flocks in which some sheep are of another kind instead; trains nothing.
         scenes: Herd around obstacles instead, in the five scenes; trains nothing.
+        navigate: Fly with a map, with the skill navigate, with neither; trains nothing.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -64,6 +66,7 @@ def reproduce(
         "herdability": herdability,
         "mixed": mixed,
         "scenes": scenes,
+        "navigate": navigate,
     }
     chosen = [name for name, wanted in others.items() if wanted]
     if len(chosen) > 1:

@@ -48,15 +48,16 @@ def train(
     reward: Reward = "progress",
     frame: Frame = "folded",
     bodies: Bodies = "ideal",
+    navigate: bool = False,
     resume: bool = False,
     tensorboard: bool = False,
     as_json: Json = False,
 ) -> int:
     """Train one sheepdog, or several at once, and test each.
 
-    A sheepdog needs two trainings, of the skills collect and drive. Each training runs on its
-    own core. The folder of a sheepdog has its learning curves as CSV, its checkpoints, and at
-    the end the sheepdog. Ctrl-C loses nothing: --resume continues with the same results.
+    A sheepdog needs two trainings, of the skills collect and drive, or three. Each training runs
+    on its own core. The folder of a sheepdog has its learning curves as CSV, its checkpoints, and
+    at the end the sheepdog. Ctrl-C loses nothing: --resume continues with the same results.
 
     Example: skydog train --seeds 8 --out runs/eight
 
@@ -64,7 +65,7 @@ def train(
         out: The run folder; each of several sheepdogs has its own folder in it, such as seed-3.
         seed: Random seed of the first sheepdog.
         seeds: How many sheepdogs, one per seed.
-        steps: Training steps for each of the two skills.
+        steps: Training steps for each of the skills.
         preset: The world of the lessons; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
@@ -79,6 +80,7 @@ def train(
             directions. `paper`: it sees the world's axes, and the lessons have one goal.
         bodies: How dogs and sheep move in the lessons: `ideal`: as commanded; `physical`: with
             delay, drift and inertia, as in the twin.
+        navigate: Teach a third skill too, to find the way among obstacles without a map.
         resume: Continue an interrupted run; the results are those of a run without interruption.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
         as_json: Print the results as JSON instead of a table.
@@ -101,6 +103,7 @@ def train(
         goal_radius=goal_radius,
         frame=frame,
         bodies=bodies,
+        navigates=navigate,
     )
     command = console.command_line()
     results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)
@@ -162,7 +165,9 @@ def _train(
     count, world = len(folders), curriculum.world()
     if curriculum.as_paper:
         world = presets.furthest_first(world)
-    console.say(f"Training {count} x 2 skills, {curriculum.steps:,} steps each:")
+    console.say(
+        f"Training {count} x {len(curriculum.skills)} skills, {curriculum.steps:,} steps each:"
+    )
     if not training.train_all(todo, write):
         return training.stopped(command)
     results = {}

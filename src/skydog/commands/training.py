@@ -1,11 +1,11 @@
-"""Train sheepdogs: two trainings each, side by side, fused into a file with its card."""
+"""Train sheepdogs: two trainings each or three, side by side, fused into a file with its card."""
 
 import platform
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -24,12 +24,10 @@ from skydog.shepherds.sheepdog import Sheepdog
 from skydog.world.limits import PerAxis
 from skydog.world.serialise import flatten
 
-SKILLS: tuple[Skill, ...] = ("collect", "drive")
-
 
 def jobs(curriculum: Curriculum, folder: Path, seed: int, resume: bool) -> list[Job]:
-    """The two trainings of one sheepdog."""
-    return [Job(curriculum, skill, seed, folder / skill, resume) for skill in SKILLS]
+    """The trainings of one sheepdog: two, or three if it navigates."""
+    return [Job(curriculum, skill, seed, folder / skill, resume) for skill in curriculum.skills]
 
 
 def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | None = None) -> bool:
@@ -88,7 +86,7 @@ def _checkpoints(out: Path) -> list[Path]:
     """The checkpoints of a run of `skydog herd` or `train`, of one sheepdog or several."""
     if not files.is_folder(out):
         return []
-    places = [checkpoint_in(Path(skill)) for skill in SKILLS]
+    places = [checkpoint_in(Path(skill)) for skill in get_args(Skill)]
     return [
         path
         for each in places
@@ -102,14 +100,15 @@ def _typed(value: Any) -> str:
 
 
 def fuse(curriculum: Curriculum, folder: Path, seed: int) -> tuple[Sheepdog, dict[Skill, History]]:
-    """The sheepdog that the two trainings in a folder amount to, and their histories."""
+    """The sheepdog that the trainings in a folder amount to, and their histories."""
     skills, histories = {}, {}
     for job in jobs(curriculum, folder, seed, resume=True):
-        like = blank(curriculum.lesson(job.skill), curriculum.config())
+        like = blank(curriculum.lesson(job.skill), curriculum.config(job.skill))
         training, histories[job.skill] = load(job.folder, like, job.card)
         skills[job.skill] = training.agent.skill
     size = float(curriculum.world().arena.size)
-    return Sheepdog(skills["collect"], skills["drive"], size, curriculum.frame), histories
+    collect, drive, navigate = skills["collect"], skills["drive"], skills.get("navigate")
+    return Sheepdog(collect, drive, size, curriculum.frame, navigate), histories
 
 
 def on_the_way(

@@ -13,6 +13,7 @@ from skydog.world.options import PRESET_NAMES
 
 if TYPE_CHECKING:  # a worker pins itself to its core before jax is imported
     from skydog.learning.lessons import Lesson
+    from skydog.learning.navigation import Navigation
     from skydog.world.params import World
 
 
@@ -23,7 +24,7 @@ DISCOUNT = 0.97
 
 @dataclass(frozen=True)
 class Curriculum:
-    """Two lessons, the learner that takes them, and how long each may last."""
+    """Two lessons or three, the learner that takes them, and how long each may last."""
 
     preset: str = "paper"
     arena: float | None = None  # metres; None is the preset's own
@@ -40,6 +41,7 @@ class Curriculum:
     # furthest stray to collect.
     frame: Frame = "folded"
     bodies: Bodies = "ideal"  # in the lessons
+    navigates: bool = False  # whether there is the third lesson: see `skydog.learning.navigation`
 
     def __post_init__(self) -> None:
         checked = {"sheep": quantities.SHEEP, "steps": quantities.TRAINING}
@@ -58,6 +60,8 @@ class Curriculum:
             word = getattr(self, name)
             if not isinstance(word, str) or word not in words:
                 raise Refusal(f"no {name} is called {short(word)}; choose from {', '.join(words)}")
+        if self.navigates and self.learner != "ddpg":
+            raise Refusal(f"navigate is learnt by ddpg, not by {self.learner}; use --learner ddpg")
         if self.goal is not None:  # a tuple, so that it has a hash
             goal = self.goal if isinstance(self.goal, list | tuple) else ()
             if len(goal) != 2:
@@ -72,9 +76,17 @@ class Curriculum:
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
         return _world(self)
 
-    def lesson(self, skill: Skill) -> "Lesson":
-        """The lesson that teaches a skill."""
-        from skydog.learning import lessons
+    @property
+    def skills(self) -> tuple[Skill, ...]:
+        """The skills that are taught."""
+        return ("collect", "drive", "navigate") if self.navigates else ("collect", "drive")
+
+    def lesson(self, skill: Skill) -> "Lesson | Navigation":
+        """The lesson that teaches a skill. All worlds have the same one to navigate."""
+        from skydog.learning import lessons, navigation
+
+        if skill == "navigate":
+            return navigation.lesson()
 
         return lessons.Lesson(
             self.world(),
@@ -95,8 +107,15 @@ class Curriculum:
 
         return (1.0, 1.0) if self.one_scale else lessons.SCALES
 
-    def config(self) -> Any:
-        """The learner's numbers, as its file has them, but the `DISCOUNT` of the folded frame."""
+    def config(self, skill: Skill = "drive") -> Any:
+        """The learner's numbers, as its file has them, but the `DISCOUNT` of the folded frame.
+
+        To navigate, those of its lesson.
+        """
+        if skill == "navigate":
+            from skydog.learning import navigation
+
+            return navigation.CONFIG
         config = import_module(f"skydog.learning.{self.learner}").Config()
         return config if self.frame == "paper" else replace(config, discount=DISCOUNT)
 
@@ -117,6 +136,7 @@ class Curriculum:
         size = float(self.world().arena.size)
         odd = "-paper-reward" * (self.reward == "paper") + "-one-scale" * self.one_scale
         odd += "-paper-frame" * (self.frame == "paper") + "-physical" * (self.bodies == "physical")
+        odd += "-navigate" * self.navigates
         own = "" if self.own_world is None else f"-{loading.title(self.own_world)}"
         return f"{kind}-{size:g}x{size:g}{odd}{own}"
 

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-Skill = Literal["collect", "drive"]
-"""The two lessons, and what each teaches."""
+Skill = Literal["collect", "drive", "navigate"]
+"""The lessons, and what each teaches. Only who is asked to navigate has the third."""
 
 Learner = Literal["ddpg", "dqn"]
 """What learns a skill: a module of `skydog.learning`. A sheepdog learnt by DQN is DHRL."""

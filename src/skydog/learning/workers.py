@@ -42,7 +42,7 @@ class Job:
 
 
 def drawn(job: Job) -> int:
-    """The seed that a job draws from: the two skills of a sheepdog draw different numbers."""
+    """The seed that a job draws from: collect and drive of a sheepdog draw different numbers."""
     return 2 * job.seed + (job.skill == "drive")
 
 
@@ -157,7 +157,7 @@ def _train(job: Job, link: Connection) -> bool:
     curriculum = job.curriculum
     training, history = train.train(
         curriculum.lesson(job.skill),
-        curriculum.config(),
+        curriculum.config(job.skill),
         drawn(job),
         curriculum.steps,
         job.folder,

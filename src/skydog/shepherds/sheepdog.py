@@ -1,10 +1,13 @@
 """The sheepdog: two skills and the gate, combined (paper, "A Hierarchical Framework of DDPGs")."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from skydog.shepherds import frame as frames
+from skydog.shepherds import navigate
 from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.options import Frame
 from skydog.world import herding
@@ -45,15 +48,21 @@ class Sheepdog(eqx.Module):
     With skills that are `Actor`s it is the paper's H-DDPG, with `GreedyQ`s the earlier DHRL.
     In an arena of another size than the one it was trained in, its inputs are multiplied by ξ,
     and H-DDPG's commands by 1/ξ; DHRL's moves keep their length (paper, "Testing").
+
+    With a third skill, `navigate`, it needs no map: among obstacles it finds the way home by
+    what is in sight (`skydog.shepherds.navigate`), whatever the world's own `home` says.
     """
 
     collect: Actor | GreedyQ
     drive: Actor | GreedyQ
     arena: Scalar  # metres: the side of the arena that the skills were learnt in
     frame: Frame = eqx.field(static=True, default="folded")  # see `skydog.shepherds.frame`
+    navigate: Actor | None = None
 
     def __call__(self, world: World, state: State) -> Float[Array, "dogs 2"]:
         """Velocities of the dogs, in m/s."""
+        if self.navigate is not None and world.obstacles is not None:
+            world = replace(world, home=navigate.home(self.navigate, world, state))
         subgoal, drives = herding.gate(world, state.sheep, state.dogs)
         return self.steer(world, state, subgoal, drives)
 

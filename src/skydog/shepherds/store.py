@@ -17,6 +17,7 @@ from skydog.shepherds.finding import FILE as FILE
 from skydog.shepherds.finding import ZOO as ZOO
 from skydog.shepherds.finding import find as find
 from skydog.shepherds.finding import ships as ships
+from skydog.shepherds.navigate import SEES
 from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
@@ -41,11 +42,12 @@ def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
         "arena": float(sheepdog.arena),
         "frame": sheepdog.frame,
         "policy": next(name for name, kind in POLICIES.items() if isinstance(sheepdog.drive, kind)),
+        **({} if sheepdog.navigate is None else {"navigates": list(SEES)}),
         **files.plain(card),
     }
     arrays = {
         f"{skill}.{depth}.{part}": np.asarray(getattr(linear, part))
-        for skill in ("collect", "drive")
+        for skill in ("collect", "drive", *(["navigate"] if sheepdog.navigate is not None else []))
         for depth, linear in enumerate(getattr(sheepdog, skill).layers.linears)
         for part in ("weight", "bias")
     }
@@ -70,7 +72,10 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
     """
     path = find(Path(path))
     arrays, card = load_arrays(path, KIND, LARGEST)
-    for what, ours in (("observes", OBSERVES), ("commands", COMMANDS)):
+    expected = {"observes": OBSERVES, "commands": COMMANDS}
+    if card.get("navigates") is not None:
+        expected["navigates"] = SEES
+    for what, ours in expected.items():
         theirs = card.get(what)
         if theirs != list(ours):
             count = len(theirs) if isinstance(theirs, list) else "other"
@@ -94,8 +99,12 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
             f"{path} sees in the frame {frame!r:.60}, this version of skydog knows "
             f"{', '.join(get_args(Frame))}; train it again"
         )
-    collect, drive = (_skill(path, skill, arrays, policy) for skill in ("collect", "drive"))
-    return Sheepdog(collect, drive, float(arena), frame), card
+    seen = len(OBSERVES)
+    collect, drive = (_skill(path, skill, arrays, policy, seen) for skill in ("collect", "drive"))
+    navigate = None
+    if "navigates" in expected:
+        navigate = _skill(path, "navigate", arrays, Actor, len(SEES))
+    return Sheepdog(collect, drive, float(arena), frame, navigate), card
 
 
 def called(path: str | Path, card: dict[str, Any]) -> str | None:
@@ -129,10 +138,14 @@ def readable(card: dict[str, Any]) -> str:
 
 
 def _skill(
-    path: Path, skill: str, arrays: dict[str, np.ndarray], policy: type[Actor] | type[GreedyQ]
-) -> Actor | GreedyQ:
+    path: Path,
+    skill: str,
+    arrays: dict[str, np.ndarray],
+    policy: type[Actor] | type[GreedyQ],
+    seen: int,
+) -> Any:
     depth = sum(name.startswith(f"{skill}.") and name.endswith(".weight") for name in arrays)
-    nodes = [len(OBSERVES)]
+    nodes = [seen]
     weights: list[Array] = []
     if not 1 <= depth <= DEEPEST:
         raise Refusal(f"{path} is damaged: {skill} has {depth} layers")

@@ -1,5 +1,7 @@
 """Which way is home: by default the straight line to the goal, or the way around obstacles."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -44,48 +46,29 @@ AGAINST = 0.7
 class AroundHome(eqx.Module):
     """Around obstacles: the shortest way of each sheep, from a field over the arena (ours).
 
-    While all sheep are in sight of their centre, they are gathered as in the open, and then driven
-    along the centre's way home. A flock that an obstacle divides is pushed sheep by sheep, each
-    along its own way: a sheep strays by how much further its way is than that of the foremost,
-    and the rearmost count as strays even if that is less than f(N).
-
-    A sheep that is left behind an obstacle, so that its way leads it from the flock, is no stray.
-    The flock is driven back instead, to the first place on the way of that sheep that is in sight
-    of the flock's centre.
+    See `around`. A sheep that is left behind an obstacle, so that its way leads it from the flock,
+    is no stray. The flock is driven back instead, to the first place on the way of that sheep
+    that is in sight of the flock's centre.
     """
 
     field: Field
 
     def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
         """Who strays, where to push it and where to drive. `sheep` are positions in metres."""
-        distance, direction = self.field.at(sheep)
         centre = herding.gcm(sheep)
-        centre_distance, centre_direction = self.field.at(centre[None])
-        behind = distance - jnp.min(distance)
-        gathered = herding.gathered_radius(world, len(sheep))
-        together = jnp.max(norm(sheep - centre)) <= gathered
-        together &= jnp.min(direction @ unit(jnp.mean(direction, axis=0))) >= ONE_WAY
-        lag = jnp.maximum((1.0 + REAR) * gathered - jnp.max(behind), 0.0)
-        stray, push = behind + jnp.where(together, 0.0, lag), direction
-        drive = centre_direction[0]
-        if world.obstacles is not None:
-            seen = self._seen(world, sheep, centre)
-            apart = norm(sheep - centre)
-            left = ~seen & (jnp.sum(direction * unit(sheep - centre), axis=1) > AGAINST)
-            left &= distance > centre_distance
-            last = jnp.argmax(jnp.where(left, distance, 0.0))
-            back, found = self._back(world, sheep[last], centre)
-            left &= found
-            drive = jnp.where(jnp.any(left), back, drive)
-            whole = jnp.all(seen | left)
-            stray = jnp.where(whole, apart, stray)
-            stray = jnp.where(left, 0.0, stray)
-            push = jnp.where(whole, -unit(sheep - centre), push)
-        return Way(
-            drive_direction=drive,
-            distance_home=centre_distance[0],
-            stray_distance=stray,
-            push_direction=push,
+        distance, direction = self.field.at(jnp.concatenate([sheep, centre[None]]))
+        if world.obstacles is None:
+            return around(world, sheep, distance, direction)
+        leads_off = jnp.sum(direction[:-1] * unit(sheep - centre), axis=1) > AGAINST
+        left = leads_off & ~_seen(world, sheep, centre) & (distance[:-1] > distance[-1])
+        last = jnp.argmax(jnp.where(left, distance[:-1], 0.0))
+        back, found = self._back(world, sheep[last], centre)
+        left &= found
+        way = around(world, sheep, distance, direction, left)
+        return replace(
+            way,
+            drive_direction=jnp.where(jnp.any(left), back, way.drive_direction),
+            stray_distance=jnp.where(left, 0.0, way.stray_distance),
         )
 
     def _back(
@@ -98,16 +81,61 @@ class AroundHome(eqx.Module):
             return place, place[0]
 
         _, ahead = jax.lax.scan(on, sheep[None], None, length=STRIDES)
-        seen = self._seen(world, ahead, centre)
+        seen = _seen(world, ahead, centre)
         return unit(ahead[jnp.argmax(seen)] - centre), jnp.any(seen)
-
-    @staticmethod
-    def _seen(
-        world: World, places: Float[Array, "some 2"], centre: Float[Array, "2"]
-    ) -> Bool[Array, " some"]:
-        assert world.obstacles is not None
-        return ~obstacles.passed(world.obstacles, places, jnp.broadcast_to(centre, places.shape))
 
     def reaches(self, places: Float[Array, "some 2"]) -> Bool[Array, " some"]:
         """Whether there is a way home from each place."""
         return self.field.reaches(places)
+
+
+class Given(eqx.Module):
+    """A way that is known already, such as the one that a shepherd has found for itself."""
+
+    found: Way
+
+    def way(self, world: World, sheep: Float[Array, "sheep 2"]) -> Way:
+        """The way that was found, whatever the world and its sheep."""
+        del world, sheep
+        return self.found
+
+
+def around(
+    world: World,
+    sheep: Float[Array, "sheep 2"],
+    distance: Float[Array, " places"],
+    direction: Float[Array, "places 2"],
+    left: Bool[Array, " sheep"] | bool = False,
+) -> Way:
+    """The way around obstacles, from how far home is and whither: of each sheep, then of the GCM.
+
+    While all sheep are in sight of their centre, they are gathered as in the open, and then driven
+    along the centre's way home. A flock that an obstacle divides is pushed sheep by sheep, each
+    along its own way: a sheep strays by how much further its way is than that of the foremost,
+    and the rearmost count as strays even if that is less than f(N). Whoever is `left` behind does
+    not divide it.
+    """
+    centre, own = herding.gcm(sheep), direction[:-1]
+    behind = distance[:-1] - jnp.min(distance[:-1])
+    gathered = herding.gathered_radius(world, len(sheep))
+    together = jnp.max(norm(sheep - centre)) <= gathered
+    together &= jnp.min(own @ unit(jnp.mean(own, axis=0))) >= ONE_WAY
+    lag = jnp.maximum((1.0 + REAR) * gathered - jnp.max(behind), 0.0)
+    stray, push = behind + jnp.where(together, 0.0, lag), own
+    if world.obstacles is not None:
+        whole = jnp.all(left | _seen(world, sheep, centre))
+        stray = jnp.where(whole, norm(sheep - centre), stray)
+        push = jnp.where(whole, -unit(sheep - centre), push)
+    return Way(
+        drive_direction=direction[-1],
+        distance_home=distance[-1],
+        stray_distance=stray,
+        push_direction=push,
+    )
+
+
+def _seen(
+    world: World, places: Float[Array, "some 2"], centre: Float[Array, "2"]
+) -> Bool[Array, " some"]:
+    assert world.obstacles is not None
+    return ~obstacles.passed(world.obstacles, places, jnp.broadcast_to(centre, places.shape))
