@@ -102,7 +102,7 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
         shipped = out / "zoo" / f"{kind.dog.lower()}.safetensors"
         chosen_of = {
             "skills": _digest(
-                [checkpoint_in(folder / skill) for folder in places for skill in training.SKILLS]
+                [checkpoint_in(folder / skill) for folder in places for skill in kind.skills]
             ),
             "profiles": _digest(PROFILES),
         }

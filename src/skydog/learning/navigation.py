@@ -108,7 +108,7 @@ class Navigation(eqx.Module):
         push = STRIDE * jnp.maximum(jnp.cos(off - turn), 0.0)
         walls, side = self._walls(episode), self.scenes.side[episode.scene]
         to = episode.place + push * jnp.stack([jnp.cos(heading), jnp.sin(heading)])
-        to = obstacles.moved(walls, episode.place[None], jnp.clip(to, 0.0, side)[None])[0]
+        to = obstacles.moved(walls, episode.place[None], to[None], 0.0, side)[0]
         moved = Episode(
             place=jnp.clip(to, 0.0, side),
             heading=heading,
