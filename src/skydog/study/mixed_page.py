@@ -48,8 +48,8 @@ NOTES = (
     "and one dog does not suffice; flocks without loners it brings there too. A follower stays "
     "with the dog, behind the flock, where this dog never leads it home.",
     "The numbers of `rearmost` (3/2, 1/2 and 4/5) were found on starts of other seeds, with sheep "
-    "of these kinds and, more coarsely, with the flocks and worlds of the later tables, and "
-    "rounded. A gathered flock of 100 it brings home more slowly than `strombom`.",
+    "of these kinds and, more coarsely, with the flocks and worlds of later tables, and rounded. "
+    "A gathered flock of 100 it brings home more slowly than `strombom`.",
     "Success has its Wilson 95 % interval. Steps are mean ± SD with the bootstrap 95 % interval of "
     f"the mean; a mission that fails counts with all its {mixed.STEPS:,} steps. The share of 0 is "
     "one set of missions, shown with every kind.",

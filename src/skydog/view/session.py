@@ -1,7 +1,6 @@
 """The session of one page of the live view: its choices, its world, and the flights in it.
 
-It is pure: `update` takes a message of the page, `advance` lets time pass, and `view` is what the
-page is sent.
+It is pure: `update` takes a message, `advance` lets time pass, and `view` is what the page is sent.
 """
 
 import math
@@ -273,9 +272,8 @@ def view(session: Session) -> dict[str, Any]:
 
 def _world(settings: Settings, worlds: Worlds) -> World:
     """The world that the settings ask for, its numbers as arrays: none of them compiles anew."""
-    size = settings.arena
-    if size is None and settings.scene is None:
-        size = _roomy(settings, worlds)
+    roomy = settings.arena is None and settings.scene is None
+    size = _roomy(settings, worlds) if roomy else settings.arena
     goal = settings.goal, settings.goal_radius
     world = make(worlds[settings.preset], size, settings.sheep, *goal, settings.scene)
     noise = settings.perception, settings.actuation
