@@ -63,7 +63,9 @@ NEARNESS = Quantity(
     "nearness is a share from 0 to 1,000,000", 0.0, 1e6, "--nearness 1", whole=False
 )
 SPEED = Quantity("speed is a share from 0.001 to 1", 0.001, 1.0, "--speed 0.5", whole=False)
-SHARE = Quantity("a share of the flock is from 0 to 1", 0.0, 1.0, "--mix loner=0.2", whole=False)
+SHARE = Quantity(
+    "a share of the flock is from 0 to 1", 0.0, 1.0, "--mix loner=SHARE, such as 0.2", whole=False
+)
 WAIT = Quantity(
     "the distance to wait for is from 0.001 to 1,000 m", 0.001, 1e3, "--wait 0.1", whole=False
 )

@@ -83,7 +83,7 @@ def test_no_sheep_that_is_home_is_taken_while_another_is_not():
     assert velocity(dog, sheep)[1] > 0.0
 
 
-@pytest.mark.parametrize("kind", ["loner", "short-sighted", "stubborn", "noisy"])
+@pytest.mark.parametrize("kind", ["loner", "short-sighted"])
 def test_it_brings_a_small_flock_home_of_which_half_is_of_another_kind(unchecked, kind):
     world = preset("strombom2014", 60.0, 4, mix={kind: 0.5})
     starts = cases.cases(world, 2, "random", 4, 4)

@@ -48,7 +48,7 @@ def test_followers_need_the_law_that_knows_them_and_other_sheep_stay_as_they_wer
     ("mix", "says"),
     [
         ({"shy": 0.2}, "choose from stubborn, short-sighted"),
-        ({"loner": 1.2}, "--mix loner=0.2"),
+        ({"loner": 1.2}, "from 0 to 1, got 1.2; try --mix"),
         ({"loner": 0.7, "slow": 0.7}, "add up to 1"),
     ],
 )
