@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns mixed flown zoo lock clean
+.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns teams mixed flown zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -54,6 +54,10 @@ reproduce: $(VENV)/run.stamp  ## Regenerate the paper's simulation study, and do
 physical: $(VENV)/dev.stamp  ## Regenerate the paper's physical study in the twin, and docs/physical.md
 	$(BIN)/skydog reproduce --physical $(ARGS)
 	cp runs/physical/physical.md docs
+
+teams: $(VENV)/run.stamp  ## Regenerate the study of several dogs, and docs/teams.md
+	$(BIN)/skydog reproduce --teams $(ARGS)
+	cp runs/teams/teams.md runs/teams/teams.png docs
 
 patterns: $(VENV)/run.stamp  ## Regenerate the study of El-Fiqi's six patterns, and docs/patterns.md
 	$(BIN)/skydog reproduce --patterns $(ARGS)
