@@ -155,7 +155,8 @@ paired. The least is {slowest:.1f}; the goal was 4.
 ![χ by the number of dogs and √M](herdability.png)
 
 Each cell of the map is {MAP_RUNS} runs of at most {MAP_STEPS:,} steps \
-({MAP_STEPS * DT:g} s), for 1 to {MAP_DOGS[-1]} dogs; the thresholds on it are those of the table.
+({MAP_STEPS * DT:g} s), for every other number of dogs up to {MAP_DOGS[-1]}; the \
+thresholds on it are those of the table.
 """
 
 

@@ -27,7 +27,7 @@ def chart(results: Results) -> Figure:
                 vmin=0.0,
                 vmax=1.0,
                 cmap="cividis",
-                extent=(-0.5, len(sheep) - 0.5, MAP_DOGS[0] - 0.5, MAP_DOGS[-1] + 0.5),
+                extent=(-0.5, len(sheep) - 0.5, MAP_DOGS[0] - 1, MAP_DOGS[-1] + 1),
             )
             images.append(image)
             at = np.arange(len(sheep))
