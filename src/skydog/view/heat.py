@@ -51,7 +51,7 @@ def chart(results: Results) -> Figure:
             axes.set_xticks(at, roots)
             axes.set_xlabel("√M, of M sheep")
         panels[0].set_ylabel("dogs N")
-        panels[0].legend(loc="upper left", fontsize=6, labelcolor="white")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         seconds = MAP_STEPS * herdability.DT
         figure.colorbar(
             images[0], ax=panels, label=f"χ within {seconds:g} s, mean of {MAP_RUNS} runs"
