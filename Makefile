@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns flown zoo lock clean
+.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns scenes flown zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -58,6 +58,10 @@ physical: $(VENV)/dev.stamp  ## Regenerate the paper's physical study in the twi
 patterns: $(VENV)/run.stamp  ## Regenerate the study of El-Fiqi's six patterns, and docs/patterns.md
 	$(BIN)/skydog reproduce --patterns $(ARGS)
 	cp runs/patterns/patterns.md runs/patterns/patterns.png docs
+
+scenes: $(VENV)/run.stamp  ## Regenerate the study of scenes, and docs/navigate.md
+	$(BIN)/skydog reproduce --scenes $(ARGS)
+	cp runs/scenes/navigate.md runs/scenes/navigate.png docs
 
 flown: ros  ## Fly the laboratory's chain for an hour, and write docs/flown.md
 	$(BIN)/python benchmarks/lab.py --out docs/flown.md

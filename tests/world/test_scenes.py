@@ -13,7 +13,7 @@ from missions import reset, step
 from skydog.errors import Refusal
 from skydog.shepherds import store
 from skydog.study import cases
-from skydog.world import herding, mission, obstacles, params, scenefile, scenes
+from skydog.world import herding, mission, obstacles, params, scenes
 from skydog.world import trace as traces
 from skydog.world.home import AroundHome, StraightHome
 from skydog.world.options import SCENE_NAMES
@@ -108,6 +108,19 @@ def test_sheep_that_a_wall_divides_are_pushed_one_by_one_along_their_own_ways():
     assert float(way.push_direction[0, 1]) < -0.7  # down to the gap, not through the wall
 
 
+def test_a_flock_comes_back_for_a_sheep_that_a_wall_keeps_from_it():
+    # A floor with a tip that points up at its left end, as in the maze.
+    walls = (((4.0, 4.0), (12.0, 4.0), 0.1), ((4.0, 4.0), (4.0, 6.0), 0.1))
+    world = placed(Scene((12.0, 12.0), walls, (5.0, 6.0, 11.0, 11.0), (1.0, 1.0), 1.0), sheep=4)
+    flock = [[4.3, 1.5], [4.7, 1.5], [4.5, 1.8]]
+    behind, beside = (jnp.asarray([*flock, one], jnp.float32) for one in ([4.5, 4.4], [4.5, 3.0]))
+    back, home = (herding.way_home(world, sheep) for sheep in (behind, beside))
+    assert float(back.drive_direction[1]) > 0.7
+    assert float(home.drive_direction[0]) < -0.7
+    assert float(back.stray_distance[3]) == 0.0
+    assert float(herding.gate(world, behind, behind[:1])[1][0]) == 1.0
+
+
 def test_a_flock_comes_home_through_a_gate_that_a_straight_dog_never_finds():
     world = preset("paper", scene="gate")
     start = cases.cases(world, 4, "random", 7).sheep[1]
@@ -185,6 +198,7 @@ def test_a_trace_with_a_scene_round_trips(tmp_path):
     again, _ = traces.load(tmp_path / "one.safetensors")
     np.testing.assert_array_equal(again.sheep, trace.sheep)
     assert again.world.obstacles is not None
+    assert world.obstacles is not None
     np.testing.assert_array_equal(again.world.obstacles.ends, world.obstacles.ends)
     assert isinstance(again.world.home, AroundHome)
 
@@ -215,7 +229,7 @@ def test_a_world_from_before_there_were_scenes_is_an_open_square():
 )
 def test_a_scene_of_the_wrong_kind_in_a_file_is_refused(name, value):
     values = {**flatten(placed(rectangle())), name: value}
-    with pytest.raises(Refusal, match="world parameter|no radii"):
+    with pytest.raises(Refusal, match=r"world parameter|no radii"):
         unflatten(values)
 
 

@@ -70,9 +70,7 @@ def options(value: Any) -> dict[str, Any]:
     return dict(value or {})
 
 
-def places(
-    value: Any, name: str, count: int, low: float, high: tuple[float, float]
-) -> np.ndarray:
+def places(value: Any, name: str, count: int, low: float, high: tuple[float, float]) -> np.ndarray:
     """Where `count` of them are, x and y in metres, as float32. Raises `Refusal`."""
     given = numbers(value)
     if given is None or given.shape != (count, 2) or not np.all((low <= given) & (given <= high)):

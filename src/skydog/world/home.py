@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from skydog.world import herding, obstacles
 from skydog.world.field import Field
+from skydog.world.obstacles import Obstacles
 from skydog.world.params import Way, World
 from skydog.world.vectors import norm, unit
 
@@ -34,11 +35,16 @@ class StraightHome(eqx.Module):
 ONE_WAY = 0.7
 # Else its rearmost are pushed: those at most this share of f(N) before the last (ours).
 REAR = 0.3
-# A sheep out of sight of the flock cannot be pushed where its way leads it from the flock: the pull
-# to the flock is as strong as a dog's push. The flock then comes back for it (ours). The way of
-# such a sheep is followed so many strides ahead, of so many cells of the field each.
-STRIDES, STRIDE = 24, 4.0
+# A dog that pushes one along its own way stands this share of f(N) behind it, if that is more than
+# `dog.collecting`: a learnt skill holds its point the less exactly, the larger the arena (ours).
+BEHIND = 1 / 3
+# The pull to the flock is stronger than a dog's push. A sheep behind an obstacle whose way leads
+# away from the flock, by an angle of more than 135° with the pull (its cosine, rounded), cannot be
+# pushed along it (ours).
 AGAINST = 0.7
+# The flock comes back for it. Its way is searched for a place in sight of the flock in so many
+# strides of so many cells of the field (ours).
+STRIDES, STRIDE = 24, 4.0
 
 
 class AroundHome(eqx.Module):
@@ -49,9 +55,9 @@ class AroundHome(eqx.Module):
     along its own way: a sheep strays by how much further its way is than that of the foremost,
     and the rearmost count as strays even if that is less than f(N).
 
-    A sheep that is left behind an obstacle, so that its way leads it from the flock, is no stray.
-    The flock is driven back instead, to the first place on the way of that sheep that is in sight
-    of the flock's centre.
+    For a sheep that cannot be pushed, since its way leads it from a flock behind an obstacle, the
+    others come back: they are driven to the first place on its way that is in sight of the
+    flock's centre.
     """
 
     field: Field
@@ -61,25 +67,27 @@ class AroundHome(eqx.Module):
         distance, direction = self.field.at(sheep)
         centre = herding.gcm(sheep)
         centre_distance, centre_direction = self.field.at(centre[None])
+        from_centre = sheep - centre
         behind = distance - jnp.min(distance)
         gathered = herding.gathered_radius(world, len(sheep))
-        together = jnp.max(norm(sheep - centre)) <= gathered
+        together = jnp.max(norm(from_centre)) <= gathered
         together &= jnp.min(direction @ unit(jnp.mean(direction, axis=0))) >= ONE_WAY
         lag = jnp.maximum((1.0 + REAR) * gathered - jnp.max(behind), 0.0)
-        stray, push = behind + jnp.where(together, 0.0, lag), direction
+        stray = behind + jnp.where(together, 0.0, lag)
+        push = jnp.maximum(BEHIND * gathered / world.dog.collecting, 1.0) * direction
         drive = centre_direction[0]
         if world.obstacles is not None:
-            seen = self._seen(world, sheep, centre)
-            apart = norm(sheep - centre)
-            left = ~seen & (jnp.sum(direction * unit(sheep - centre), axis=1) > AGAINST)
-            left &= distance > centre_distance
-            back, found = self._back(world, sheep[jnp.argmax(jnp.where(left, distance, 0.0))], centre)
-            left &= found
-            drive = jnp.where(jnp.any(left), back, drive)
-            whole = jnp.all(seen | left)
-            stray = jnp.where(whole, apart, stray)
-            stray = jnp.where(left, 0.0, stray)
-            push = jnp.where(whole, -unit(sheep - centre), push)
+            seen = _in_sight(world.obstacles, sheep, centre)
+            stuck = ~seen & (distance > centre_distance)
+            stuck &= jnp.sum(direction * unit(from_centre), axis=1) > AGAINST
+            last = sheep[jnp.argmax(jnp.where(stuck, distance, -jnp.inf))]
+            back, found = self._back(world.obstacles, last, centre)
+            stuck &= found
+            as_in_the_open = jnp.all(seen | stuck)
+            stray = jnp.where(as_in_the_open, norm(from_centre), stray)
+            stray = jnp.where(stuck, 0.0, stray)
+            push = jnp.where(as_in_the_open, -unit(from_centre), push)
+            drive = jnp.where(jnp.any(stuck), back, drive)
         return Way(
             drive_direction=drive,
             distance_home=centre_distance[0],
@@ -88,7 +96,7 @@ class AroundHome(eqx.Module):
         )
 
     def _back(
-        self, world: World, sheep: Float[Array, "2"], centre: Float[Array, "2"]
+        self, walls: Obstacles, sheep: Float[Array, "2"], centre: Float[Array, "2"]
     ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
         """The direction in which the flock comes back for a sheep, and whether there is one."""
 
@@ -97,16 +105,15 @@ class AroundHome(eqx.Module):
             return place, place[0]
 
         _, ahead = jax.lax.scan(on, sheep[None], None, length=STRIDES)
-        seen = self._seen(world, ahead, centre)
+        seen = _in_sight(walls, ahead, centre)
         return unit(ahead[jnp.argmax(seen)] - centre), jnp.any(seen)
-
-    @staticmethod
-    def _seen(
-        world: World, places: Float[Array, "some 2"], centre: Float[Array, "2"]
-    ) -> Bool[Array, " some"]:
-        assert world.obstacles is not None
-        return ~obstacles.passed(world.obstacles, places, jnp.broadcast_to(centre, places.shape))
 
     def reaches(self, places: Float[Array, "some 2"]) -> Bool[Array, " some"]:
         """Whether there is a way home from each place."""
         return self.field.reaches(places)
+
+
+def _in_sight(
+    walls: Obstacles, places: Float[Array, "some 2"], of: Float[Array, "2"]
+) -> Bool[Array, " some"]:
+    return ~obstacles.passed(walls, places, jnp.broadcast_to(of, places.shape))
