@@ -273,9 +273,8 @@ def view(session: Session) -> dict[str, Any]:
 
 def _world(settings: Settings, worlds: Worlds) -> World:
     """The world that the settings ask for, its numbers as arrays: none of them compiles anew."""
-    size = settings.arena
-    if size is None and settings.scene is None:
-        size = _roomy(settings, worlds)
+    open_ = settings.arena is None and settings.scene is None
+    size = _roomy(settings, worlds) if open_ else settings.arena
     goal = settings.goal, settings.goal_radius
     world = make(worlds[settings.preset], size, settings.sheep, *goal, settings.scene)
     noise = settings.perception, settings.actuation
@@ -306,8 +305,7 @@ def _outside(settings: Settings, session: Session) -> bool:
     """Whether the goal lies outside the arena that the settings ask for."""
     side = settings.arena or _roomy(settings, session.worlds)
     sides = (side, side) if settings.scene is None else session.world.arena.plain_sides
-    goal = settings.goal or (0.0, 0.0)
-    return any(at > side * (1 + 1e-6) for at, side in zip(goal, sides, strict=True))
+    return any(at > side * (1 + 1e-6) for at, side in zip(settings.goal or (), sides, strict=False))
 
 
 def _goal_radius(settings: Settings, worlds: Worlds) -> float:
