@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns teams mixed flown zoo lock clean
+.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns teams mixed scenes flown zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -66,6 +66,10 @@ patterns: $(VENV)/run.stamp  ## Regenerate the study of El-Fiqi's six patterns, 
 mixed: $(VENV)/run.stamp  ## Regenerate the study of mixed flocks, and docs/mixed.md
 	$(BIN)/skydog reproduce --mixed $(ARGS)
 	cp runs/mixed/mixed.md runs/mixed/mixed.png docs
+
+scenes: $(VENV)/run.stamp  ## Regenerate the study of scenes, and docs/obstacles.md
+	$(BIN)/skydog reproduce --scenes $(ARGS)
+	cp runs/scenes/obstacles.md runs/scenes/obstacles.png docs
 
 flown: ros  ## Fly the laboratory's chain for an hour, and write docs/flown.md
 	$(BIN)/python benchmarks/lab.py --out docs/flown.md

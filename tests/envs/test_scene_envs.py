@@ -27,6 +27,14 @@ clearance = jax.jit(obstacles.clearance)
 distance = jax.jit(lambda home, places: home.field.at(places)[0])
 
 
+PEN = """
+size = [9, 5]
+start = [5, 1, 8, 4]
+goal = [1, 4]
+walls = [[[4, 0], [4, 3]]]
+"""
+
+
 @pytest.fixture(scope="module")
 def pen(tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "pen.toml"
@@ -44,7 +52,7 @@ def env(pen) -> Any:
 @pytest.mark.filterwarnings("error")
 def test_gymnasiums_checker_has_nothing_to_say_of_a_scene(monkeypatch, pen):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # it opens a window, too
-    options = {"observation": "full", "render_mode": "rgb_array"}
+    options: Any = {"observation": "full", "render_mode": "rgb_array"}
     check_env(gymnasium.make("skydog/Herd-v0", scene=pen, **options).unwrapped)
 
 
@@ -83,7 +91,8 @@ def test_a_mission_pays_for_the_metres_around_and_no_sheep_is_ever_inside_a_wall
     # At the wall, and the dog behind them: they go along it, and by its end.
     options = {"sheep": [[4.3, 1.0], [4.4, 1.6], [4.3, 2.2]], "dogs": [[4.6, 0.2]]}
     seen, _ = env.reset(seed=0, options=options)
-    before, paid = left(seen), 0.0
+    before = after = left(seen)
+    paid = 0.0
     for _ in range(40):
         seen, reward, *_ = env.step(np.array([0.0, 0.3], np.float32))
         paid += float(reward) + tasks.STEP_COST
@@ -107,7 +116,7 @@ def test_a_scene_that_cannot_be_is_refused(options, said):
 
 @pytest.mark.parametrize("name", ["Collect", "Drive"])
 def test_a_lesson_has_no_obstacles(name):
-    with pytest.raises((Refusal, TypeError), match="scene|obstacles"):
+    with pytest.raises((Refusal, TypeError), match=r"scene|obstacles"):
         gymnasium.make(f"skydog/{name}-v0", scene="gate").reset()
     with pytest.raises(Refusal, match="a lesson has no obstacles; take a world without a scene"):
         gymnasium.make(f"skydog/{name}-v0", world=preset("paper", scene="gate"))

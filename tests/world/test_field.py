@@ -1,6 +1,7 @@
 """The field of shortest ways, beside ways that a ruler measures."""
 
 import math
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
@@ -99,7 +100,7 @@ def test_who_follows_it_always_arrives_and_never_meets_a_wall(seed):
 
 def test_nodes_that_are_walled_in_have_no_way_home_but_a_way_out():
     box = [(6, 6), (9, 6), (9, 9), (6, 9), (6, 6)]
-    found = solved(walled(*zip(box, box[1:], strict=False)))
+    found = solved(walled(*pairwise(box)))
     inside, outside = jnp.asarray([[7.5, 7.5]]), jnp.asarray([[3.0, 3.0]])
     assert not bool(found.reaches(inside)[0])
     assert bool(found.reaches(outside)[0])

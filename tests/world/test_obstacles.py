@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("unchecked")
 SIDE = 10.0
 WALLS, WALKERS = 4, 6  # one shape: it compiles once
 
-moved = jax.jit(lambda *where: obstacles.moved(*where, 0.0, SIDE))
+moved = jax.jit(lambda walls, old, new: obstacles.moved(walls, old, new, 0.0, SIDE))
 away = jax.jit(obstacles.away)
 clearance = jax.jit(obstacles.clearance)
 
@@ -145,7 +145,7 @@ def test_a_walker_slides_along_a_wall_into_a_corner_and_stays_there():
 def test_the_thinnest_wall_holds_far_from_the_origin():
     wall = Obstacles(f32([[[900, 990], [990, 990]]]), f32([0.05]))
     place = f32([[930.0, 989.0]])
-    far = jax.jit(lambda *where: obstacles.moved(*where, 0.0, 1000.0))
+    far = jax.jit(lambda walls, old, new: obstacles.moved(walls, old, new, 0.0, 1000.0))
     for _ in range(100):
         place = far(wall, place, place + f32([[0.04, 0.03]]))
     assert float(place[0, 1]) < 989.95
@@ -166,6 +166,7 @@ def test_gradients_are_finite_wherever_somebody_stands():
 
 def in_a_gate(sheep=5, **changes):
     world = preset("paper", sheep=sheep, scene="gate")
+    assert world.obstacles is not None
     return replace(world, obstacles=replace(world.obstacles, **changes))
 
 

@@ -148,7 +148,7 @@ def test_a_bad_scene_in_geojson_is_refused_with_the_fix(tmp_path, content, said)
 def test_a_file_that_is_too_large_is_not_read(tmp_path):
     path = tmp_path / "a.toml"
     path.write_text("#" * (scenefile.LARGEST + 1))
-    with pytest.raises(Refusal, match="a.toml"):
+    with pytest.raises(Refusal, match=r"a\.toml"):
         scenefile.read(path)
 
 

@@ -304,8 +304,7 @@ def _outside(settings: Settings, session: Session) -> bool:
     """Whether the goal lies outside the arena that the settings ask for."""
     side = settings.arena or _roomy(settings, session.worlds)
     sides = (side, side) if settings.scene is None else session.world.arena.plain_sides
-    goal = settings.goal or (0.0, 0.0)
-    return any(at > side * (1 + 1e-6) for at, side in zip(goal, sides, strict=True))
+    return any(at > side * (1 + 1e-6) for at, side in zip(settings.goal or (), sides, strict=False))
 
 
 def _goal_radius(settings: Settings, worlds: Worlds) -> float:

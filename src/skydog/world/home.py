@@ -36,11 +36,16 @@ class StraightHome(eqx.Module):
 ONE_WAY = 0.7
 # Else its rearmost are pushed: those at most this share of f(N) before the last (ours).
 REAR = 0.3
-# A sheep out of sight of the flock cannot be pushed where its way leads it from the flock: the pull
-# to the flock is as strong as a dog's push. The flock then comes back for it (ours). The way of
-# such a sheep is followed so many strides ahead, of so many cells of the field each.
-STRIDES, STRIDE = 24, 4.0
+# A dog that pushes one along its own way stands this share of f(N) behind it, if that is more than
+# `dog.collecting`: a learnt skill holds its point the less exactly, the larger the arena (ours).
+BEHIND = 1 / 3
+# The pull to the flock is stronger than a dog's push. A sheep behind an obstacle whose way leads
+# away from the flock, by an angle of more than 135° with the pull (its cosine, rounded), cannot be
+# pushed along it (ours).
 AGAINST = 0.7
+# The flock comes back for it. Its way is searched for a place in sight of the flock in so many
+# strides of so many cells of the field (ours).
+STRIDES, STRIDE = 24, 4.0
 
 
 class AroundHome(eqx.Module):
@@ -60,7 +65,7 @@ class AroundHome(eqx.Module):
         if world.obstacles is None:
             return around(world, sheep, distance, direction)
         leads_off = jnp.sum(direction[:-1] * unit(sheep - centre), axis=1) > AGAINST
-        left = leads_off & ~_seen(world, sheep, centre) & (distance[:-1] > distance[-1])
+        left = leads_off & ~_in_sight(world, sheep, centre) & (distance[:-1] > distance[-1])
         last = jnp.argmax(jnp.where(left, distance[:-1], 0.0))
         back, found = self._back(world, sheep[last], centre)
         left &= found
@@ -81,7 +86,7 @@ class AroundHome(eqx.Module):
             return place, place[0]
 
         _, ahead = jax.lax.scan(on, sheep[None], None, length=STRIDES)
-        seen = _seen(world, ahead, centre)
+        seen = _in_sight(world, ahead, centre)
         return unit(ahead[jnp.argmax(seen)] - centre), jnp.any(seen)
 
     def reaches(self, places: Float[Array, "some 2"]) -> Bool[Array, " some"]:
@@ -121,9 +126,10 @@ def around(
     together = jnp.max(norm(sheep - centre)) <= gathered
     together &= jnp.min(own @ unit(jnp.mean(own, axis=0))) >= ONE_WAY
     lag = jnp.maximum((1.0 + REAR) * gathered - jnp.max(behind), 0.0)
-    stray, push = behind + jnp.where(together, 0.0, lag), own
+    stray = behind + jnp.where(together, 0.0, lag)
+    push = jnp.maximum(BEHIND * gathered / world.dog.collecting, 1.0) * own
     if world.obstacles is not None:
-        whole = jnp.all(left | _seen(world, sheep, centre))
+        whole = jnp.all(left | _in_sight(world, sheep, centre))
         stray = jnp.where(whole, norm(sheep - centre), stray)
         push = jnp.where(whole, -unit(sheep - centre), push)
     return Way(
@@ -134,7 +140,7 @@ def around(
     )
 
 
-def _seen(
+def _in_sight(
     world: World, places: Float[Array, "some 2"], centre: Float[Array, "2"]
 ) -> Bool[Array, " some"]:
     assert world.obstacles is not None

@@ -78,8 +78,9 @@ class Way(eqx.Module):
 
     `drive_direction` is the unit vector along which the flock's centre is to be driven, and
     `distance_home` the metres that it has to go. `stray_distance` is by how many metres each
-    sheep strays: beyond f(N) it is fetched, the furthest first. `push_direction` are the unit
-    vectors along which a sheep that strays is to be pushed.
+    sheep strays: beyond f(N) it is fetched, the furthest first. `push_direction` are the vectors
+    along which a sheep that strays is to be pushed: a dog stands their length times
+    `dog.collecting` behind it, mostly 1.
     """
 
     drive_direction: Float[Array, "2"]

@@ -347,7 +347,7 @@ def _with_goal(world: World, goal: Any, goal_radius: float | None) -> World:
     radius, sides = world.arena.goal_radius, world.arena.plain_sides
     if not radius < min(sides):
         raise Refusal(
-            f"arena must be longer than {radius:g} m (the goal disc), got {min(sides):g}; "
+            f"arena must be longer than {radius:g} m (the goal disc), got {min(sides)}; "
             f"try --arena {2 * radius:g}"
         )
     for side in sides:
