@@ -54,12 +54,12 @@ def test_a_run_folder_holds_everything(run):
         "results.json",
         "results.md",
         "progress.csv",
-        *(f"{s}/{f}" for s in training.SKILLS for f in ("checkpoint.safetensors", "curve.csv")),
+        *(f"{s}/{f}" for s in CURRICULUM.skills for f in ("checkpoint.safetensors", "curve.csv")),
         *(f"traces/{name}.safetensors" for name in printed),
     }
 
 
-@pytest.mark.parametrize("skill", training.SKILLS)
+@pytest.mark.parametrize("skill", CURRICULUM.skills)
 def test_a_worker_teaches_what_is_taught_in_process_with_its_seed(run, skill):
     out, _ = run
     task = CURRICULUM.lesson(skill)
@@ -79,7 +79,7 @@ def test_the_sheepdog_on_the_way_is_the_untaught_one_and_at_the_end_itself(run):
     dogs = training.on_the_way(CURRICULUM, sheepdog, histories)
     assert list(dogs) == [0, CURRICULUM.steps]
     assert dogs[CURRICULUM.steps] is sheepdog
-    for seed, skill in enumerate(training.SKILLS):
+    for seed, skill in enumerate(CURRICULUM.skills):
         _, key = jax.random.split(jax.random.key(seed))
         task = CURRICULUM.lesson(skill)
         untaught = train.init(task, CURRICULUM.config(), key).agent.skill

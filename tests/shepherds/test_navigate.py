@@ -52,11 +52,11 @@ def test_a_scene_that_is_turned_or_mirrored_has_its_way_turned_or_mirrored(seed,
 def test_what_is_out_of_sight_changes_nothing():
     far = Obstacles(jnp.array([[[8.0, 0.0], [8.0, 10.0]]]), jnp.array([0.1]))
     place, heading = jnp.array([2.0, 5.0]), jnp.array([1.0, 0.0])
-    seen = [
+    nothing, wall = (
         navigate.observe(walls, 10.0, jnp.zeros(2), 4.0, place, heading)[0]
         for walls in (NOTHING, far)
-    ]
-    np.testing.assert_array_equal(*seen)
+    )
+    np.testing.assert_array_equal(nothing, wall)
 
 
 def test_among_obstacles_the_third_skill_decides_and_the_worlds_map_does_not(unchecked):

@@ -57,6 +57,8 @@ def test_the_gate_that_slides_leaves_no_gap_but_the_gate(moving):
 
 def test_a_wrong_map_differs_from_the_world_in_its_obstacles_alone(unchecked):
     for world, map_of in navigate.wrong_maps(3).values():
+        assert world.obstacles is not None
+        assert map_of.obstacles is not None
         assert not np.array_equal(world.obstacles.ends, map_of.obstacles.ends)
         flown = navigate.ways(world, map_of)
         assert flown["field"][0].obstacles is flown["navigate"][0].obstacles

@@ -10,7 +10,8 @@ import pytest
 
 from skydog.errors import Refusal
 from skydog.shepherds.strombom import Strombom
-from skydog.study import cases, evaluate, navigate
+from skydog.study import cases, evaluate
+from skydog.study.scenes import on_the_ground
 from skydog.world import obstacles, routes, scenes
 from skydog.world.obstacles import Obstacles
 from skydog.world.presets import preset
@@ -24,7 +25,7 @@ waypoint = jax.jit(lambda found, *where: found.waypoint(*where))
 
 def grounded(name, sheep=3):
     """A named scene whose obstacles dogs have to go around too."""
-    return navigate.on_the_ground(preset("paper", sheep=sheep, scene=name))
+    return on_the_ground(preset("paper", sheep=sheep, scene=name))
 
 
 @jax.jit

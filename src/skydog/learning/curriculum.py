@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 from skydog import quantities
 from skydog.errors import Refusal, short
@@ -81,6 +81,10 @@ class Curriculum:
         """The skills that are taught."""
         return ("collect", "drive", "navigate") if self.navigates else ("collect", "drive")
 
+    @overload
+    def lesson(self, skill: Literal["collect", "drive"]) -> "Lesson": ...
+    @overload
+    def lesson(self, skill: Skill) -> "Lesson | Navigation": ...
     def lesson(self, skill: Skill) -> "Lesson | Navigation":
         """The lesson that teaches a skill. All worlds have the same one to navigate."""
         from skydog.learning import lessons, navigation
