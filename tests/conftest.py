@@ -1,3 +1,5 @@
+import ctypes
+import gc
 import os
 from pathlib import Path
 
@@ -15,6 +17,24 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 # No deadline: the first example of each shape waits for a compilation.
 settings.register_profile("skydog", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("skydog")
+
+
+# A process of Linux may hold 65,530 pieces of memory, each compiled program takes some ten, and
+# whoever loads one more crashes.
+MANY = 15_000
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forgotten():
+    """Compiled programs are forgotten once there are many, and their memory is given back."""
+    yield
+    pieces = Path("/proc/self/maps")
+    if pieces.exists() and pieces.read_bytes().count(b"\n") > MANY:
+        import jax
+
+        jax.clear_caches()
+        gc.collect()
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 @pytest.fixture(scope="module")
