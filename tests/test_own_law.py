@@ -37,7 +37,7 @@ def skydog(monkeypatch, capsys, tmp_path):
         return out.out
 
     yield run
-    loading._run.cache_clear()
+    references.run.cache_clear()
 
 
 def test_a_law_of_ones_own_is_under_40_lines_and_a_shepherd_herds_its_sheep(capsys):
