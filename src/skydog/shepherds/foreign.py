@@ -40,7 +40,8 @@ class Foreign:
         dogs = given[0].shape[0]
         shapes = tuple(each.shape for each in given)
         if shapes not in self._tried:  # what fails is told before it is compiled
-            self._batch(dogs, *(np.zeros((1, *shape), np.float32) for shape in shapes))
+            with jax.ensure_compile_time_eval():  # a policy may compute in jax itself
+                self._batch(dogs, *(np.zeros((1, *shape), np.float32) for shape in shapes))
             self._tried.add(shapes)
         axes = [each.ndim for each in given]
 
@@ -138,6 +139,8 @@ def from_policy(
     if observation not in get_args(ObservationKind):
         kinds = ", ".join(get_args(ObservationKind))
         raise Refusal(f"no observation is called {short(observation)}; choose from {kinds}")
-    # The dogs of all missions are one batch: a policy flies one dog.
-    asked = Foreign(lambda seen: predict(seen.reshape(-1, seen.shape[-1])), reference, called)
-    return Policy(asked, observation, divide_by)
+
+    def each_dog(seen: np.ndarray) -> Any:
+        return predict(seen.reshape(-1, seen.shape[-1]))
+
+    return Policy(Foreign(each_dog, reference, called), observation, divide_by)

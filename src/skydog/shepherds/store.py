@@ -147,7 +147,9 @@ def readable(card: dict[str, Any]) -> str:
     """A card as Markdown: the plain facts first, then a section for each list and group."""
     facts = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
     fly = "Fly it: `skydog test` and its name, if it ships, else the path of its folder."
-    lines = ["# A sheepdog", "", fly, ""]
+    if card.get("kind") == POLICY:
+        fly = "Fly it: `skydog test policy:` and the path of its folder; what it names is run."
+    lines = [f"# A {card.get('kind', KIND)}", "", fly, ""]
     lines += [f"- {name}: {_short(value)}" for name, value in facts.items()]
     for name, value in card.items():
         if isinstance(value, list):

@@ -113,11 +113,11 @@ class Comparison:
             return cells
         if less is None:
             return cells + ["—"] * (1 + len(MEASURES))
-        percent = {"mean": 100 * less["success"]["mean"]}
-        percent["ci95"] = [100 * bound for bound in less["success"]["ci95"]]
-        forms = {"success": "+.3g", "steps": "+.0f", "distance": "+.1f"}
-        shown = {**{name: _without_sd(less[name]) for name in MEASURES}, "success": percent}
-        return cells + [report.figure(shown[name], form) for name, form in forms.items()]
+        points = 100 * less["success"]["mean"]
+        low, high = (100 * bound for bound in less["success"]["ci95"])
+        cells.append(f"{points:+.3g} %\n[{low:+.3g}, {high:+.3g}]")
+        forms = {"steps": "+.0f", "distance": "+.1f"}
+        return cells + [report.figure(_without_sd(less[name]), forms[name]) for name in forms]
 
 
 def compared(
