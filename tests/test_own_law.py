@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 
 import skydog.envs as skydog_envs
 from loaded import EXAMPLES, example
-from skydog import cli
+from skydog import cli, references
 from skydog.learning import workers
 from skydog.learning.curriculum import Curriculum
 from skydog.shepherds import store
@@ -18,7 +18,7 @@ from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics
 from skydog.view import live
 from skydog.view import session as sessions
-from skydog.world import loading, presets, trace
+from skydog.world import presets, trace
 
 LAW = EXAMPLES / "own_law.py"
 

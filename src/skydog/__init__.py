@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skydog.errors import Refusal as Refusal
-    from skydog.shepherds.sheepdog import Sheepdog as Sheepdog
     from skydog.shepherds.foreign import from_policy as from_policy
     from skydog.shepherds.named import load as load
+    from skydog.shepherds.sheepdog import Sheepdog as Sheepdog
     from skydog.shepherds.strombom import Strombom as Strombom
     from skydog.study.compare import compare as compare
     from skydog.world.laws import Flock as Flock

@@ -1,4 +1,4 @@
-"""Code that a user names: FILE.py:NAME, or package.module:NAME. It is run as the Python that it is."""
+"""Code that a user names, FILE.py:NAME or package.module:NAME: it is run as any Python is."""
 
 import importlib
 import inspect
@@ -43,9 +43,7 @@ def split_module(reference: str) -> tuple[str, str] | None:
         return None
     _look_here()
     if parts[0] not in sys.modules and find_spec(parts[0]) is None:
-        raise Refusal(
-            f"no package is called {parts[0]}; install it, or call skydog in the folder that it is in"
-        )
+        raise Refusal(f"no package is called {parts[0]}; install it, or call skydog in its folder")
     return module, name
 
 
@@ -93,7 +91,7 @@ def run(file: Path) -> ModuleType:
 
 
 def made(found: Any, reference: str, *given: Any) -> Callable[..., Any]:
-    """A function that can be called with `given`, or what a class or a maker without arguments makes.
+    """What can be called with `given`: what was found, or what it makes when called without.
 
     Raises `Refusal` for what is neither.
     """
@@ -102,7 +100,7 @@ def made(found: Any, reference: str, *given: Any) -> Callable[..., Any]:
     if not _takes(found):
         raise Refusal(f"{reference} cannot be called with {len(given)} arguments, nor with none")
     try:
-        thing = found()
+        thing: Any = found()
     except Refusal:
         raise
     except Exception as problem:

@@ -6,7 +6,7 @@ import pytest
 
 import skydog
 from skydog.errors import Refusal
-from skydog.shepherds import observing, sheepdog
+from skydog.shepherds import observing, sheepdog, store
 from skydog.study import evaluate
 from skydog.study.cases import cases
 from skydog.world import herding, mission
@@ -61,7 +61,7 @@ def test_a_policy_may_compute_in_jax_itself():
 def test_it_sees_what_the_environment_shows_and_acts_as_there(how):
     import gymnasium
 
-    import skydog.envs  # noqa: F401
+    import skydog.envs
 
     seen = []
 
@@ -114,6 +114,15 @@ def test_a_dog_hovers_on_an_action_that_is_no_number():
     assert not np.any(flown)
 
 
+def test_a_policy_inside_a_shepherd_is_sent_to_from_policy():
+    def shepherd(world, state):
+        return to_subgoal(np.asarray(state.dogs))
+
+    start = jax.tree.map(lambda leaf: leaf[0], STARTS)
+    with pytest.raises(Refusal, match=r"shepherd cannot be compiled.*skydog\.from_policy"):
+        skydog.rollout(WORLD, shepherd, start, 3)
+
+
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("given", "says"),
@@ -129,10 +138,7 @@ def test_what_is_no_policy_is_refused(given, says):
         skydog.from_policy(*given)
 
 
-def test_a_policy_inside_a_shepherd_is_sent_to_from_policy():
-    def shepherd(world, state):
-        return to_subgoal(np.asarray(state.dogs))
-
-    start = jax.tree.map(lambda leaf: leaf[0], STARTS)
-    with pytest.raises(Refusal, match=r"shepherd cannot be compiled.*skydog\.from_policy"):
-        skydog.rollout(WORLD, shepherd, start, 3)
+@pytest.mark.usefixtures("unchecked")
+def test_a_shepherd_that_has_no_file_is_not_saved(tmp_path):
+    with pytest.raises(Refusal, match="Strombom has no file"):
+        store.save(tmp_path / store.FILE, skydog.Strombom(), {})  # pyright: ignore[reportArgumentType]

@@ -2,6 +2,7 @@ import sys
 
 import pytest
 
+from skydog import references
 from skydog.errors import Refusal
 from skydog.world import loading, presets
 from skydog.world.params import World

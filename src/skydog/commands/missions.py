@@ -1,4 +1,4 @@
-"""The missions that flags ask for: the world, the starts, the steps. Of `skydog test` and `compare`."""
+"""The missions that flags ask for: world, starts and steps. Of `skydog test` and `compare`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple

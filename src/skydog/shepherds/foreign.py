@@ -14,7 +14,6 @@ from skydog.errors import Refusal, short
 from skydog.shepherds import finding, observing
 from skydog.shepherds.options import ObservationKind
 from skydog.world import herding
-from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
 from skydog.world.vectors import Scalar
@@ -100,7 +99,7 @@ class Policy(eqx.Module):
 
 def from_policy(
     predict: Predict | str, observation: ObservationKind | None = None, divide_by: float = 1.0
-) -> Shepherd:
+) -> Policy:
     """A shepherd that asks a policy: NumPy's, torch's, `model.predict` of Stable-Baselines3, ...
 
     `predict` is given the observations of all dogs in all missions that are flown together, float32
@@ -120,16 +119,17 @@ def from_policy(
     Raises `Refusal` for what is no policy or cannot be loaded.
     """
     divide_by = quantities.ARENA.checked(divide_by)
-    reference, called = None, short(predict)
+    called = short(predict)
+    ask: Any = predict
     own: ObservationKind = "compact"
     if isinstance(predict, str):
         reference = called = predict
         if finding.kind(predict) == "zip":
             from skydog.shepherds import zips
 
-            predict, own = zips.read(predict)
+            ask, own = zips.read(predict)
         else:
-            predict = references.made(references.load(predict), predict, None)
+            ask = references.made(references.load(predict), predict, None)
     elif not callable(predict):
         raise Refusal(f"a policy is a function of observations, got {called}; try model.predict")
     else:
@@ -141,6 +141,6 @@ def from_policy(
         raise Refusal(f"no observation is called {short(observation)}; choose from {kinds}")
 
     def each_dog(seen: np.ndarray) -> Any:
-        return predict(seen.reshape(-1, seen.shape[-1]))
+        return ask(seen.reshape(-1, seen.shape[-1]))
 
     return Policy(Foreign(each_dog, reference, called), observation, divide_by)

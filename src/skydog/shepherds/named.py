@@ -4,13 +4,14 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 
 from skydog import files, numerics, references
 from skydog.errors import Refusal
 from skydog.shepherds import finding, rules, store
 from skydog.shepherds.foreign import Policy, from_policy
-from skydog.world import mission
+from skydog.world import mission, params
 from skydog.world.mission import Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
@@ -75,7 +76,11 @@ def trial(name: str, shepherd: Shepherd, world: World, starts: State) -> None:
     """
     start = jax.tree.map(lambda leaf: leaf[0], starts)
     try:
-        jax.eval_shape(lambda: mission.decide(world, shepherd, start))
+        eqx.filter_eval_shape(
+            lambda world, start: mission.decide(world, shepherd, start),
+            params.traced(world),
+            start,
+        )
     except Refusal:
         raise
     except Exception as problem:  # whatever code of others may raise
@@ -87,7 +92,9 @@ def trial(name: str, shepherd: Shepherd, world: World, starts: State) -> None:
 def _coded(name: str) -> Shepherd:
     found = references.load(name)
     if hasattr(found, "predict") and not isinstance(found, Policy):
-        raise Refusal(f"{name} is a model; write dog = skydog.from_policy(model.predict), name that")
+        raise Refusal(
+            f"{name} is a model; write dog = skydog.from_policy(model.predict), name that"
+        )
     try:
         return references.made(found, name, None, None)
     except Refusal as refusal:

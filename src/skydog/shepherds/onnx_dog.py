@@ -54,7 +54,7 @@ def read(path: Path) -> tuple[OnnxDog, dict[str, Any]]:
         ) from problem
 
     def fly(dogs: np.ndarray, sheep: np.ndarray) -> np.ndarray:
-        return session.run(["velocity"], {"sheep": sheep, "dog": dogs[:, 0]})[0]
+        return np.asarray(session.run(["velocity"], {"sheep": sheep, "dog": dogs[:, 0]})[0])
 
     flies = {"goals": goal, "arenas": [size, size]}
     card = {**card, "name": path.stem, "arena": size, "taught_for": flies}

@@ -177,7 +177,9 @@ def _named(path: Path, policy: Policy) -> dict[str, Any]:
         card["sha256"] = hashlib.sha256(content).hexdigest()
         # Beside the card, if it is there: so that a folder can be moved.
         zipped, folder = Path(zipped).resolve(), path.resolve().parent
-        code = f"{algorithm}:{zipped.relative_to(folder) if zipped.is_relative_to(folder) else zipped}"
+        code = (
+            f"{algorithm}:{zipped.relative_to(folder) if zipped.is_relative_to(folder) else zipped}"
+        )
     elif (in_file := references.split(code)) is not None:
         code = f"{in_file[0].resolve()}:{in_file[1]}"
     return card | {"code": code}

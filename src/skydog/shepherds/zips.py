@@ -16,14 +16,14 @@ LARGEST = 1 << 30  # bytes
 
 
 def read(name: str) -> tuple[Any, ObservationKind]:
-    """The `predict` of a model that is named ALGORITHM:FILE.zip, without exploration, and what it sees.
+    """The `predict` of the model ALGORITHM:FILE.zip, and which observations it sees.
 
-    The code in the zip is run. Raises `Refusal` for what is missing or cannot be loaded.
+    It acts without exploring. The code in the zip is run. Raises `Refusal` for what is missing or cannot be loaded.
     """
     algorithm, _, path = name.partition(":")
     files.read_bytes(Path(path), "model of Stable-Baselines3", LARGEST)
     try:
-        import stable_baselines3
+        import stable_baselines3  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise Refusal(
             f"{name} needs Stable-Baselines3; run: pip install stable-baselines3"

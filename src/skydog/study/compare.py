@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
@@ -112,7 +111,9 @@ def asked(
     steps: int,
 ) -> Missions:
     """The missions of a comparison. Raises `Refusal` for starts that cannot be drawn."""
-    drawn = draws.cases(world, cases, starts, seed, sheep, dogs) if isinstance(cases, int) else cases
+    drawn = (
+        draws.cases(world, cases, starts, seed, sheep, dogs) if isinstance(cases, int) else cases
+    )
     key = evaluate.noise_key(world, seed)
     where = np.concatenate([np.ravel(drawn.sheep), np.ravel(drawn.dogs)]).astype(np.float32)
     about = {

@@ -61,13 +61,14 @@ class Comparison:
         """What the figures are, in sentences."""
         told = (
             f"Each shepherd flew the same {self.asked['cases']:,} missions of at most "
-            f"{self.asked['steps']:,} steps. Figures are mean ± SD, with 95 % intervals in brackets "
-            "(of success Wilson's, else bootstrap). A mission that failed counts with all its steps."
+            f"{self.asked['steps']:,} steps. Figures are mean ± SD, with 95 % intervals in "
+            "brackets (of success Wilson's, else bootstrap). A mission that failed counts with all "
+            "its steps."
         )
         if len(self.rows) > 1:
             told += (
-                f" Differences are to {self.first}, mission by mission: where the interval does not "
-                "hold 0, there is one at the 5 % level."
+                f" Differences are to {self.first}, mission by mission: where the interval does "
+                "not hold 0, there is one at the 5 % level."
             )
         return told
 
