@@ -114,7 +114,7 @@ def test_a_policy_that_fails_under_way_is_refused_too():
         next(answers)
         return seen[:, :2]
 
-    with pytest.raises(Refusal, match="failed on arrays.*StopIteration"):
+    with pytest.raises(Refusal, match=r"failed on arrays.*StopIteration"):
         skydog.rollout(WORLD, skydog.from_policy(tires), jax.tree.map(lambda x: x[0], STARTS), 3)
 
 
