@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from skydog.world.mission import Fly
     from skydog.world.trace import Trace
 
+SEEDS, EPISODES = 8, 3_000  # of each kind of sheepdog; the paper has 3,000 episodes
+
 
 def reproduce(
     out: MaybeOut = None,
-    seeds: Seeds = 8,
-    episodes: Episodes = 3_000,
+    seeds: Seeds = SEEDS,
+    episodes: Episodes = EPISODES,
     from_zoo: bool = False,
     physical: bool = False,
     patterns: bool = False,
@@ -71,6 +73,9 @@ def reproduce(
     chosen = [name for name, wanted in others.items() if wanted]
     if len(chosen) > 1:
         raise Refusal(f"--{chosen[0]} and --{chosen[1]} are two studies; leave one of them out")
+    trains = not chosen or physical
+    if not trains and (from_zoo or (seeds, episodes) != (SEEDS, EPISODES)):
+        raise Refusal(f"--{chosen[0]} trains nothing; leave --from-zoo, --seeds and --episodes out")
     out = out or Path("runs") / (chosen[0] if chosen else "reproduce")
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
