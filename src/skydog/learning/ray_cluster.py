@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import astuple, dataclass, replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,7 +39,7 @@ INHERITED = ("XLA_FLAGS", "JAX_PLATFORMS")  # settings that a worker has from it
 class Site:
     """What a machine needs to compute as the one that asks it to."""
 
-    versions: dict[str, str | None]
+    versions: dict[str, str]
     settings: dict[str, str | None]
 
 
@@ -186,35 +187,15 @@ def _site() -> Site:
     return Site(_versions(), {**settings, "JAX_PLATFORMS": settings["JAX_PLATFORMS"] or "cpu"})
 
 
-def _versions() -> dict[str, str | None]:
-    return _looker()(None)[0]
+def _versions() -> dict[str, str]:
+    return {name: metadata.version(name) for name in PACKAGES}
 
 
-def _looker() -> Callable[[str | None], tuple[dict[str, str | None], bool]]:
-    """What tells of a machine the versions of its packages, and whether it sees a file."""
-    packages = PACKAGES
-
-    def look(file: str | None) -> tuple[dict[str, str | None], bool]:
-        # All inside, so that it is sent as code: a machine may have no skydog, or another.
-        import os
-        from importlib import metadata
-
-        found: dict[str, str | None] = {}
-        for name in packages:
-            try:
-                found[name] = metadata.version(name)
-            except metadata.PackageNotFoundError:
-                found[name] = None
-        return found, file is None or os.path.exists(file)
-
-    return look
-
-
-def _unlike(ours: dict[str, str | None], theirs: dict[str, str | None]) -> str | None:
+def _unlike(ours: dict[str, str], theirs: dict[str, str]) -> str | None:
     """What to say of a machine that has other versions; None if it has the same."""
     for name, wanted in ours.items():
-        if theirs[name] != wanted:
-            there = f"{name} {theirs[name]}" if theirs[name] else f"no {name}"
+        if theirs.get(name) != wanted:
+            there = f"{name} {theirs[name]}" if name in theirs else f"no {name}"
             return (
                 f"{there}, this study runs with {name} {wanted}; run there: "
                 f"pip install {name}=={wanted}"
@@ -274,10 +255,14 @@ def _check_machines(ray: Any, folder: Path | None) -> None:
         for node in ray.nodes():
             if node["Alive"]:
                 there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
-                task = ray.remote(num_cpus=0, scheduling_strategy=there)(_looker())
-                looking[f"the machine {node['NodeManagerAddress']}"] = task.remote(
-                    None if mark is None else str(mark)
+                # A lambda is sent as code: a machine may have no skydog, or another.
+                look = ray.remote(num_cpus=0, scheduling_strategy=there)(
+                    lambda: (
+                        {each.name: each.version for each in reversed([*metadata.distributions()])},
+                        mark is None or os.path.exists(mark),
+                    )
                 )
+                looking[f"the machine {node['NodeManagerAddress']}"] = look.remote()
         for machine, told in looking.items():
             try:
                 theirs, seen = ray.get(told)
