@@ -5,6 +5,7 @@ processors are of the same kind. Ray is imported only by who asks for it; it com
 `pip install 'skydog[ray]'`.
 """
 
+import logging
 import os
 import re
 import secrets
@@ -12,6 +13,7 @@ import signal
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import astuple, dataclass, replace
@@ -139,6 +141,7 @@ class Board:
 def _trained(number: int, job: Job, board: Any, site: Site) -> Message:
     """Train a job on whatever machine this is: the body of a task."""
     import ray
+    import ray.exceptions
 
     goes_on, before = ray.get(board.begin.remote(number))
     if not goes_on:
@@ -299,11 +302,14 @@ def connected(on: str) -> Iterator[Any]:
     # What Ray says of machines is no result.
     with redirect_stdout(sys.stderr):
         try:
-            ray.init(None if on == "ray" else on, log_to_driver=False, logging_level="error")
+            with warnings.catch_warnings(action="ignore"):
+                ray.init(
+                    None if on == "ray" else on, log_to_driver=False, logging_level=logging.ERROR
+                )
         except Exception as problem:
             raise Refusal(
                 f"no Ray cluster answers at {on} ({one_line(str(problem)):.200}); "
-                "start one with: ray start --head"
+                "start one with: ray start --head, and set RAY_AUTH_MODE=token if it has a token"
             ) from None
         try:
             yield ray
