@@ -24,6 +24,7 @@ PATIENT = {
     "RAY_health_check_timeout_ms": "600000",
     "RAY_raylet_start_wait_time_s": "600",
     "RAY_worker_register_timeout_seconds": "600",
+    "RAY_worker_niceness": "0",
 }
 
 
