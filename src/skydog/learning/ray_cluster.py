@@ -73,7 +73,7 @@ def run(jobs: Sequence[Job], callback: Callable[[Message], None], on: str) -> bo
             stopping = False
             try:
                 while tasks:
-                    over, _ = ray.wait(list(tasks), num_returns=len(tasks), timeout=0.2)
+                    over, _ = ray.wait(list(tasks), timeout=0.5)  # one, or none by then
                     for number, progress in ray.get(board.take.remote()):
                         callback(Message(jobs[number], progress=_progress(progress)))
                     for each in over:
