@@ -15,6 +15,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import astuple, dataclass, replace
 from importlib import metadata
@@ -143,7 +144,13 @@ def _trained(number: int, job: Job, board: Any, site: Site) -> Message:
     import ray
     import ray.exceptions
 
-    goes_on, before = ray.get(board.begin.remote(number))
+    # Of a main thread that waits for an answer, Ray gives the core to another task.
+    line = ThreadPoolExecutor(1)
+
+    def answer(question: Any) -> Any:
+        return line.submit(ray.get, question).result()
+
+    goes_on, before = answer(board.begin.remote(number))
     if not goes_on:
         return Message(job, ended="stopped")
     try:
@@ -160,7 +167,7 @@ def _trained(number: int, job: Job, board: Any, site: Site) -> Message:
             return True
         posted = time.monotonic()
         with suppress(ray.exceptions.RayError):
-            return ray.get(board.post.remote(number, astuple(progress)))
+            return answer(board.post.remote(number, astuple(progress)))
         return False  # nobody listens any more: what was learnt is kept all the same
 
     return workers.trained(replace(job, resume=job.resume or before), callback, PATIENCE)
