@@ -190,7 +190,7 @@ def test_propellers_turn_in_turn_and_bodies_stand_as_they_are_posed():
 def test_what_is_drawn_has_neither_mass_nor_contact(name):
     uav, rover = profiles.uav(name), profiles.rover("kobuki")
     build = partial(bodies.build, uav, rover, 5.0, (0.0, 0.0, 1.0), sheep=2, dogs=2)
-    dress = partial(looks.dress, uav=uav, rover=rover, size=5.0, goal=(0.0, 0.0, 1.0))
+    dress = partial(looks.dress, uav=uav, rover=rover, sides=5.0, goal=(0.0, 0.0, 1.0))
     bare, dressed = build().model, build(dress=dress).model
     for what in ("body_mass", "body_inertia", "body_ipos", "dof_damping", "qpos0"):
         np.testing.assert_array_equal(getattr(bare, what), getattr(dressed, what))

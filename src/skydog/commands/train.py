@@ -9,6 +9,7 @@ from skydog.commands.flags import (
     GoalRadius,
     Json,
     MaybeArena,
+    MaybeScene,
     MaybeSheep,
     Out,
     OwnWorld,
@@ -20,6 +21,7 @@ from skydog.commands.flags import (
     one_world,
     own_sheep,
 )
+from skydog.errors import Refusal
 from skydog.learning.options import Bodies, Learner, Reward
 from skydog.shepherds.options import Frame
 
@@ -40,6 +42,7 @@ def train(
     steps: TrainingSteps = 150_000,
     preset: Preset = "paper",
     world: OwnWorld = None,
+    scene: MaybeScene = None,
     arena: MaybeArena = None,
     goal: Goal = None,
     goal_radius: GoalRadius = None,
@@ -69,6 +72,7 @@ def train(
         preset: The world of the lessons; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
+        scene: Refused: the lessons are in the open, and their sheepdog herds in any scene.
         arena: Side of the arena in metres; the world's own if not given.
         goal: The goal's position in metres, such as 4,4; the world's own if not given. A
             sheepdog with the folded frame herds to any goal.
@@ -89,6 +93,11 @@ def train(
     from skydog.learning.curriculum import Curriculum
     from skydog.study import evaluate
 
+    if scene is not None:
+        raise Refusal(
+            "lessons have no obstacles, and a sheepdog that is trained in the open herds in any "
+            f"scene; leave out --scene, and fly it with skydog test RUN --scene {scene}"
+        )
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
     curriculum = Curriculum(

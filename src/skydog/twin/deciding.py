@@ -2,11 +2,16 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax
-from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from skydog.world import mission
+from skydog.flight.limits import Corner
+from skydog.flight.setpoints import Slide
+from skydog.world import mission, obstacles
 from skydog.world.mission import Decision, Shepherd
+from skydog.world.obstacles import Obstacles
 from skydog.world.params import World
 from skydog.world.state import State
 
@@ -35,3 +40,26 @@ def decide(
 
     keyed = None if keys is None else 0
     return jax.vmap(one, in_axes=(0, 0, keyed))(seen, real, keys)
+
+
+def sliding(closed: Obstacles | None, sides: Corner) -> Slide | None:
+    """How set-points of rovers slide along obstacles: as the sheep of the kinematic world."""
+    if closed is None:
+        return None
+
+    def slide(
+        before: Float[np.ndarray, "batch sheep 2"], after: Float[np.ndarray, "batch sheep 2"]
+    ) -> Float[np.ndarray, "batch sheep 2"]:
+        return np.asarray(_moved(closed, before, after, np.asarray(sides)), float)
+
+    return slide
+
+
+@eqx.filter_jit
+def _moved(
+    closed: Obstacles,
+    before: Float[Array, "batch sheep 2"],
+    after: Float[Array, "batch sheep 2"],
+    sides: Float[Array, "..."],
+) -> Float[Array, "batch sheep 2"]:
+    return jax.vmap(lambda *way: obstacles.moved(closed, *way, 0.0, sides))(before, after)
