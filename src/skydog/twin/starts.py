@@ -41,7 +41,7 @@ def flyable(
     inside = max(0.0, uav.body.radius + PAD - rover.body.radius)
     pads &= np.all((dogs >= inside) & (dogs <= sides - inside), axis=(1, 2))
     if closed is not None:
-        free = [_clearance(closed, who) for who in (starts.sheep, starts.dogs)]
+        free = [np.asarray(_clearance(closed, who)) for who in (starts.sheep, starts.dogs)]
         spaced &= free[0] >= 0.0
         pads &= free[1] >= uav.body.radius + PAD - rover.body.radius
     return spaced, pads
@@ -98,12 +98,10 @@ def draw(
     )
 
 
-def _clearance(
-    closed: Obstacles, places: Float[Array, "cases some 2"]
-) -> Float[np.ndarray, " cases"]:
+@jax.jit
+def _clearance(closed: Obstacles, places: Float[Array, "cases some 2"]) -> Float[Array, " cases"]:
     """How far the one that is nearest to an obstacle is from where rovers' centres cannot be."""
-    found = jax.vmap(lambda these: obstacles.clearance(closed, these))(places)
-    return np.asarray(jnp.min(found, axis=1))
+    return jax.vmap(lambda these: jnp.min(obstacles.clearance(closed, these)))(places)
 
 
 def _nearest(
