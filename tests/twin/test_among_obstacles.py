@@ -1,3 +1,4 @@
+# pyright: reportAttributeAccessIssue=false
 """Obstacles in the twin: where they stand, what they stop, and missions among them."""
 
 from dataclasses import replace

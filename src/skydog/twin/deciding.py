@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
@@ -43,23 +43,29 @@ def decide(
 
 
 def sliding(closed: Obstacles | None, sides: Corner) -> Slide | None:
-    """How set-points of rovers slide along obstacles: as the sheep of the kinematic world."""
+    """How set-points of rovers slide along obstacles: as the sheep of the kinematic world do.
+
+    `closed` is what `bodies.closed_to` returns, `sides` are those of the arena in metres.
+    """
     if closed is None:
         return None
+    most = jnp.asarray(sides, jnp.float32)
 
     def slide(
         before: Float[np.ndarray, "batch sheep 2"], after: Float[np.ndarray, "batch sheep 2"]
     ) -> Float[np.ndarray, "batch sheep 2"]:
-        return np.asarray(_moved(closed, before, after, np.asarray(sides)), float)
+        start, end = jnp.asarray(before, jnp.float32), jnp.asarray(after, jnp.float32)
+        return np.asarray(_moved(closed, start, end, most), float)
 
     return slide
 
 
-@eqx.filter_jit
+@jax.jit
 def _moved(
     closed: Obstacles,
     before: Float[Array, "batch sheep 2"],
     after: Float[Array, "batch sheep 2"],
-    sides: Float[Array, "..."],
+    most: Float[Array, "..."],
 ) -> Float[Array, "batch sheep 2"]:
-    return jax.vmap(lambda *way: obstacles.moved(closed, *way, 0.0, sides))(before, after)
+    move = jax.vmap(obstacles.moved, in_axes=(None, 0, 0, None, None))
+    return move(closed, before, after, 0.0, most)
