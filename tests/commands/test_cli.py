@@ -100,6 +100,8 @@ def test_the_help_lists_every_command_and_does_not_import_jax():
         ("herd --goal-radius 5", "5", "--arena 10"),
         ("export h-ddpg-4x4 --onnx --goal 0,5", "0,5", "--goal 4,4"),
         ("export h-ddpg-4x4 --onnx --nearness nan", "nan", "--nearness 1"),
+        ("export h-ddpg-4x4 --onnx --scene gate", "no map of the way", "leave out --scene"),
+        ("train --scene gate", "lessons have no obstacles", "skydog test RUN --scene gate"),
         ("watch --goal 1", "'1'", "--goal 4,4"),
         ("reproduce --physical --patterns", "--physical and --patterns", "leave one of them out"),
         ("watch --goal 9,9", "9,9", "--goal 4,4"),

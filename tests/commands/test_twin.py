@@ -96,6 +96,14 @@ def test_twin_refuses_in_one_line(skydog, flags, said):
     assert said in " ".join(err.split())
 
 
+def test_twin_refuses_a_scene_whose_dogs_are_on_the_ground(refused, tmp_path):
+    numbers = "size = [6, 4]\nstart = [4, 1, 5.5, 3]\ngoal = [1, 2]\ngoal_radius = 1.0\n"
+    walls = "walls = [[[3, 0], [3, 2]]]\n"
+    (tmp_path / "pen.toml").write_text(f"{numbers}{walls}dogs = 'around'\n")
+    said = refused("twin", "strombom", "--scene", "pen.toml", *SHORT)
+    assert "dogs on the ground; change its file to dogs = 'above'" in said
+
+
 def test_at_a_share_of_the_speed_dogs_and_sheep_are_slower():
     world = at_speed(preset("paper-physical"), 0.5)
     assert (world.dog.speed, world.sheep.speed, world.arena.dt) == (0.5, 0.25, 0.2)

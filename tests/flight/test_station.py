@@ -11,6 +11,7 @@ from skydog.flight.station import DT, Frame, Station
 UAV, ROVER = profiles.uav("tum-simulator"), profiles.rover("kobuki")
 PERIOD = 0.1
 STATION = Station(UAV, ROVER, "reference", None, PERIOD, np.asarray(0.5))
+BEHIND = setpoints.stand(np.array([[[4.25, 4.0]]]))  # what a test's wall is before
 AIRSPACE, ARENA = (-0.2, 6.2), (0.0, 6.0)
 
 
@@ -45,6 +46,22 @@ def test_the_feedforward_adds_its_share_of_the_setpoints_velocity_and_changes_no
     np.testing.assert_allclose(fed.velocity - bare.velocity, [[[0.5, -0.2, 0.0]]], atol=1e-12)
     np.testing.assert_array_equal(without.lag, with_it.lag)
     np.testing.assert_array_equal(without.trim, with_it.trim)
+
+
+def test_a_set_point_slides_and_one_that_an_obstacle_parts_from_its_rover_starts_there_anew():
+    def slide(before, after):  # a wall at x = 4.2
+        return np.where((before[..., :1] < 4.2) & (after[..., :1] >= 4.2), before, after)
+
+    def taken(memory):
+        moves = np.zeros((1, 1, 2)), np.array([[[1.0, 0.5]]])
+        found = station.take(STATION, memory, *moves, AIRSPACE, ARENA, slide).sheep_setpoint
+        return found.origin[0, 0], setpoints.at(found, PERIOD)[0, 0]
+
+    memory = station.start(STATION, a_frame(yaw=(np.pi,)))
+    for origin, end in (taken(memory), taken(memory._replace(sheep_setpoint=BEHIND))):
+        np.testing.assert_allclose(end - origin, (0.1, 0.05))
+    np.testing.assert_allclose(taken(memory)[0], (4.0 - ROVER.tracking.ahead, 4.0))
+    np.testing.assert_allclose(taken(memory._replace(sheep_setpoint=BEHIND))[0], (4.0, 4.0))
 
 
 def test_a_drone_on_a_set_point_that_stands_is_commanded_nothing():

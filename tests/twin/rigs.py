@@ -35,9 +35,10 @@ def run(built: Bodies, data: mujoco.MjData, seconds: float) -> None:
 class Rig:
     """One mission's plant, whose drone hovers; `fly` and `drive` return what was flown."""
 
-    def __init__(self, uav=TUM, sheep=((3.0, 3.0, 0.0),), height=2.0, timestep=TIMESTEP):
+    def __init__(self, uav=TUM, sheep=((3.0, 3.0, 0.0),), height=2.0, timestep=TIMESTEP, **options):
         self.uav = uav
-        built = bodies.build(uav, ROVER, SIZE, (0.0, 0.0, 2.0), len(sheep), 1, timestep=timestep)
+        goal = 0.0, 0.0, 2.0
+        built = bodies.build(uav, ROVER, SIZE, goal, len(sheep), 1, timestep=timestep, **options)
         self.bodies, self.plant = built, Plant(uav, built, 1, 1)
         x, y, yaw = np.array(sheep).T
         at = np.stack([x, y, np.full_like(x, WHEEL)], axis=-1)

@@ -16,6 +16,7 @@ from skydog.errors import Refusal
 from skydog.flight import profiles
 from skydog.twin import bodies, film, looks, stage
 from skydog.view.colours import ROLES
+from skydog.world.obstacles import Obstacles
 from skydog.world.presets import preset
 from skydog.world.trace import ENDINGS, Ending, Poses, Trace
 
@@ -189,8 +190,10 @@ def test_propellers_turn_in_turn_and_bodies_stand_as_they_are_posed():
 @pytest.mark.parametrize("name", profiles.ship("uav"))
 def test_what_is_drawn_has_neither_mass_nor_contact(name):
     uav, rover = profiles.uav(name), profiles.rover("kobuki")
-    build = partial(bodies.build, uav, rover, 5.0, (0.0, 0.0, 1.0), sheep=2, dogs=2)
-    dress = partial(looks.dress, uav=uav, rover=rover, size=5.0, goal=(0.0, 0.0, 1.0))
+    sides, goal = (5.0, 4.0), (0.0, 0.0, 1.0)
+    closed = Obstacles(jnp.array([[[2.0, 2.0], [3.0, 3.0]], [[1.0, 1.0]] * 2]), jnp.full(2, 0.3))
+    build = partial(bodies.build, uav, rover, sides, goal, sheep=2, dogs=2, closed=closed)
+    dress = partial(looks.dress, uav=uav, rover=rover, sides=sides, goal=goal, closed=closed)
     bare, dressed = build().model, build(dress=dress).model
     for what in ("body_mass", "body_inertia", "body_ipos", "dof_damping", "qpos0"):
         np.testing.assert_array_equal(getattr(bare, what), getattr(dressed, what))

@@ -371,11 +371,3 @@ def test_physics_that_breaks_down_is_told_in_one_line_and_leaves_no_log(
         slippery(WORLD, Strombom(), start, 60)
     assert not list(tmp_path.iterdir())
     assert capfd.readouterr().err == ""
-
-
-def test_a_world_with_a_scene_is_refused_before_anything_is_flown():
-    world = preset("paper", scene="gate")
-    with pytest.raises(Refusal, match="the twin has no obstacles; take a world without a scene"):
-        starts.draw(world, 1, "spaced", TUM, ROVER)
-    with pytest.raises(Refusal, match="the twin has no obstacles"):
-        SOON(world, Strombom(), drawn(1), 5)

@@ -10,6 +10,7 @@ from skydog.commands.flags import (
     GoalRadius,
     MaybeArena,
     MaybeFile,
+    MaybeScene,
     Nearness,
     Preset,
     world_of,
@@ -22,6 +23,7 @@ def export(
     onnx: bool = False,
     out: MaybeFile = None,
     preset: Preset = "paper",
+    scene: MaybeScene = None,
     arena: MaybeArena = None,
     goal: Goal = None,
     goal_radius: GoalRadius = None,
@@ -40,6 +42,7 @@ def export(
         onnx: As ONNX, the only format so far.
         out: The file; if not given, the sheepdog's name, or its run folder's, and .onnx.
         preset: The world that it will fly in; see skydog presets.
+        scene: Refused: an ONNX file has no map of the way around obstacles.
         arena: Side of the arena in metres; if not given, that of its training.
         goal: The goal's position in metres, such as 4,4; the preset's own if not given.
         goal_radius: The goal's radius 𝔻 in metres; the preset's own if not given. The file
@@ -49,6 +52,11 @@ def export(
     """
     if not onnx:
         raise Refusal("export needs a format; add --onnx")
+    if scene is not None:
+        raise Refusal(
+            "an ONNX file has no map of the way around obstacles; leave out --scene, or call the "
+            "sheepdog from Python, as in docs/scenes.md"
+        )
     from skydog.commands import console
     from skydog.shepherds import exporting, scope, store
 

@@ -10,6 +10,7 @@ from skydog.commands.flags import (
     Json,
     MaybeArena,
     MaybeOn,
+    MaybeScene,
     MaybeSheep,
     Out,
     OwnWorld,
@@ -21,6 +22,7 @@ from skydog.commands.flags import (
     one_world,
     own_sheep,
 )
+from skydog.errors import Refusal
 from skydog.learning.options import Bodies, Learner, Reward
 from skydog.shepherds.options import Frame
 
@@ -41,6 +43,7 @@ def train(
     steps: TrainingSteps = 150_000,
     preset: Preset = "paper",
     world: OwnWorld = None,
+    scene: MaybeScene = None,
     arena: MaybeArena = None,
     goal: Goal = None,
     goal_radius: GoalRadius = None,
@@ -71,6 +74,7 @@ def train(
         preset: The world of the lessons; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
+        scene: Refused: the lessons are in the open, and their sheepdog herds in any scene.
         arena: Side of the arena in metres; the world's own if not given.
         goal: The goal's position in metres, such as 4,4; the world's own if not given. A
             sheepdog with the folded frame herds to any goal.
@@ -93,6 +97,11 @@ def train(
     from skydog.learning.curriculum import Curriculum
     from skydog.study import evaluate
 
+    if scene is not None:
+        raise Refusal(
+            "lessons have no obstacles, and a sheepdog that is trained in the open herds in any "
+            f"scene; leave out --scene, and fly it with skydog test RUN --scene {scene}"
+        )
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
     curriculum = Curriculum(

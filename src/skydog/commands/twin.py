@@ -1,5 +1,6 @@
 """`skydog twin`: fly a shepherd in the physics twin, and print how good it is."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
@@ -16,6 +17,7 @@ from skydog.commands.flags import (
     MaybeFilm,
     MaybeOut,
     MaybePreset,
+    MaybeScene,
     MaybeSheep,
     OwnWorld,
     Seed,
@@ -39,6 +41,7 @@ def twin(
     shepherd: Positional[flags.Shepherd],
     preset: MaybePreset = None,
     world: OwnWorld = None,
+    scene: MaybeScene = None,
     arena: MaybeArena = None,
     goal: Goal = None,
     goal_radius: GoalRadius = None,
@@ -53,7 +56,7 @@ def twin(
     cases: Cases = 30,
     seed: Seed = 0,
     speed: Speed = 1.0,
-    steps: FlightSteps = 1000,
+    steps: FlightSteps | None = None,
     at_point: AtPoint = "constant",
     threads: Threads = 0,
     out: MaybeOut = None,
@@ -75,7 +78,10 @@ def twin(
         preset: The world of the missions, paper-physical if not given; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
-        arena: Side of the arena in metres; the world's own if not given.
+        scene: Obstacles to herd around: gate, corridor, u-trap, maze, clutter, or a file in TOML
+            or GeoJSON. Rovers collide with them, and drones fly above. See docs/scenes.md.
+        arena: Side of the arena in metres; the world's own if not given. In a scene it grows with
+            the flock.
         goal: The goal's position in metres, such as 4,4; the world's own if not given.
         goal_radius: The goal's radius 𝔻 in metres; the world's own if not given.
         sheep: Rovers in the flock; as many as the world has if not given, 3 in a preset.
@@ -87,13 +93,15 @@ def twin(
             in the paper's laboratory; if not given, take one at every step.
         steering: How rovers obey a force. `reference` and `track` follow a set-point, `turn` turns
             towards the force first; with `reference` the shepherd sees the set-points.
-        starts: `spaced`: the rovers start at random opposite the goal; `paper`: where the paper's
-            cases have them. Starts in which rovers overlap or pads are not clear are drawn again.
+        starts: `spaced`: the rovers start at random opposite the goal, or where the scene says;
+            `paper`: where the paper's cases have them. Starts in which rovers overlap or pads are
+            not clear are drawn again.
         cases: How many missions.
         seed: Random seed of the starts and of the disturbances.
         speed: Dogs and sheep move at this share of the world's speeds. The paper's laboratory
             flew at about a sixth.
-        steps: Maximum steps per mission; a mission that needs more has failed.
+        steps: Maximum steps per mission; a mission that needs more has failed. If not given: 1000,
+            and 5000 in a scene.
         at_point: Whether strombom flies past its subgoal at full speed, or stops there.
         threads: Cores to fly on, 0 for all. The results do not depend on it.
         out: Where to write results.json and a trace per mission, if given.
@@ -117,7 +125,8 @@ def twin(
         one_world(preset, world)
     chosen = preset or ("paper-physical" if world is None else "paper")
     sheep = own_sheep(world, sheep)
-    where = world_of(chosen, world, arena, sheep, dogs, goal, goal_radius)
+    where = world_of(chosen, world, arena, sheep, dogs, goal, goal_radius, scene=scene)
+    steps = steps or (1000 if scene is None else 5000)
     where = presets.at_speed(where, speed)
     if video is not None and video.suffix != ".mp4":
         raise Refusal(f"a film is written as MP4, got {video}; try --video {video.stem}.mp4")
@@ -133,6 +142,8 @@ def twin(
     name = f"{evaluate.scenario(steers, where, called, sheep, dogs)}-{uav.name}"
     if world is not None:
         name += f"-{loading.title(world)}"
+    if scene is not None:
+        name += f"-{Path(scene).stem}"
     with console.missions(cases) as update:
         fly = Twin(profile, rovers, disturb, wait, steering, threads=threads, progress=update)
         kept: list[Trace] = []

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float, Int
 
 from skydog.flight import altitude, outliers, rovers, setpoints, station, supervisor
 from skydog.flight.bounds import clipped
-from skydog.flight.limits import Limits, Span
+from skydog.flight.limits import Corner, Limits
 from skydog.flight.outliers import Believed
 from skydog.flight.rovers import Twist
+from skydog.flight.setpoints import Slide
 from skydog.flight.station import Commands, Frame, Station
 from skydog.flight.supervisor import Change, Mode, Order
 
@@ -29,9 +30,10 @@ class Base(NamedTuple):
 
     station: Station
     limits: Limits
-    airspace: Span  # m: where set-points of drones may be; the soft fence
-    arena: Span  # m: where those of rovers may be
+    airspace: tuple[Corner, Corner]  # m: where set-points of drones may be; the soft fence
+    arena: tuple[Corner, Corner]  # m: where those of rovers may be
     height: Float[np.ndarray, "*batch dogs"]  # m, of a mission
+    slide: Slide | None = None  # how those of rovers slide along obstacles
 
 
 class Memory(NamedTuple):
@@ -140,6 +142,7 @@ def step(
             _nothing_but(decided.sheep, flies & fresh),
             base.airspace,
             base.arena,
+            base.slide,
         )
         known = taken if flies.all() else _where(flies, taken, known)
     known = _restarted(known, memory.believed, frame, now, base.limits.stale)

@@ -3,10 +3,15 @@
 from dataclasses import dataclass
 from math import inf
 
+import numpy as np
+from jaxtyping import Float
+
 APART = 0.03  # m between two bodies of a kind, where a flight begins; ours
 PAD = 0.15  # m between a drone's pad and a rover or a wall, which its take-off may meet; ours
 
 Span = tuple[float, float]
+Corner = float | Float[np.ndarray, "2"]
+"""The least, or the greatest, coordinates of a rectangle in metres; of a square one number."""
 
 
 @dataclass(frozen=True)

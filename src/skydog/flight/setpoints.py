@@ -4,10 +4,17 @@ Every step a decision moves the set-point by velocity times dt; in between it ru
 velocity, so that a controller is never asked to jump.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+Slide = Callable[
+    [Float[np.ndarray, "*batch bodies 2"], Float[np.ndarray, "*batch bodies 2"]],
+    Float[np.ndarray, "*batch bodies 2"],
+]
+"""Where those come to, in metres, who want to move from a place to another among obstacles."""
 
 
 class Setpoint(NamedTuple):

@@ -13,10 +13,11 @@ from jaxtyping import Bool, Float
 from skydog.flight import altitude, autopilot, estimate, rovers, setpoints, sni
 from skydog.flight.bounds import clipped
 from skydog.flight.estimate import Estimate
+from skydog.flight.limits import Corner
 from skydog.flight.options import Steering
 from skydog.flight.profiles import UAV, Rover
 from skydog.flight.rovers import Pose, Twist, YawMemory
-from skydog.flight.setpoints import Setpoint
+from skydog.flight.setpoints import Setpoint, Slide
 
 DT = 0.01  # s: motion capture's 100 Hz (paper, Section "Environment and Control Network Setups")
 LEASH = 0.6  # m: a drone's set-point is never further ahead when it is decided; ours
@@ -152,13 +153,14 @@ def take(
     memory: Memory,
     dog_velocity: Float[np.ndarray, "*batch dogs 2"],
     sheep_velocity: Float[np.ndarray, "*batch sheep 2"],
-    airspace: tuple[float, float],
-    arena: tuple[float, float],
+    airspace: tuple[Corner, Corner],
+    arena: tuple[Corner, Corner],
+    slide: Slide | None = None,
 ) -> Memory:
     """The memory with the set-points that a decision moves, velocities in m/s.
 
-    `airspace` and `arena` are the least and the greatest coordinate in metres at which a drone and
-    a rover may be.
+    `airspace` and `arena` are the least and the greatest coordinates in metres at which a drone
+    and a rover may be. Set-points of rovers `slide` along what stands in the arena.
     """
     dt, here = station.period, memory.dogs.position[..., :2]
     held = waiting(station, memory)[..., None]
@@ -169,9 +171,10 @@ def take(
     sheep = setpoints.integrate(
         memory.sheep_setpoint, sheep_velocity, at, dt, station.rover.tracking.leash
     )
-    return memory._replace(
-        dog_setpoint=_within(dogs, airspace, dt), sheep_setpoint=_within(sheep, arena, dt)
-    )
+    sheep = _within(sheep, arena, dt)
+    if slide is not None:
+        sheep = _slid(sheep, slide, memory.sheep.position, dt)
+    return memory._replace(dog_setpoint=_within(dogs, airspace, dt), sheep_setpoint=sheep)
 
 
 def act(
@@ -228,8 +231,20 @@ def _steer(
     return memory.steered, rovers.track(station.rover, at, goal, station.speed)
 
 
-def _within(setpoint: Setpoint, bounds: tuple[float, float], dt: float) -> Setpoint:
+def _within(setpoint: Setpoint, bounds: tuple[Corner, Corner], dt: float) -> Setpoint:
     """The set-point, turned aside so that it ends within bounds."""
     origin = clipped(setpoint.origin, *bounds)
     end = clipped(origin + dt * setpoint.velocity, *bounds)
+    return Setpoint(origin, (end - origin) / dt)
+
+
+def _slid(
+    setpoint: Setpoint, slide: Slide, position: Float[np.ndarray, "*batch sheep 2"], dt: float
+) -> Setpoint:
+    """The set-point, turned aside by obstacles, also by those between it and its body.
+
+    A body cannot follow a set-point that is behind one: such a set-point starts from the body.
+    """
+    origin = slide(position, setpoint.origin)
+    end = slide(origin, origin + dt * setpoint.velocity)
     return Setpoint(origin, (end - origin) / dt)

@@ -1,9 +1,10 @@
 # pyright: reportAttributeAccessIssue=false
-"""The bodies in MuJoCo: quadrotors with four rotors, rovers with wheels, floor and walls."""
+"""The bodies in MuJoCo: quadrotors with four rotors, rovers, floor, walls and obstacles."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,10 +14,11 @@ from skydog.errors import Refusal
 from skydog.flight import autopilot
 from skydog.flight.bounds import clipped
 from skydog.flight.profiles import UAV, Rover
+from skydog.world.obstacles import Obstacles
 
 TIMESTEP = 0.005  # s; see docs/twin.md for what half of it changes
 WALL = 0.25  # m: its height; rovers cannot pass, and a drone at 2 m does not notice
-WALL_THICKNESS = 0.05
+WALL_THICKNESS = 0.05  # m; an obstacle is at least as thick
 
 # Who touches whom: bits of what a geom is, and of what it can touch.
 FLOOR, ROVER, DRONE = 1, 2, 4
@@ -39,31 +41,36 @@ class Bodies:
 def build(
     uav: UAV,
     rover: Rover,
-    size: float,
+    sides: float | tuple[float, float],
     goal: tuple[float, float, float],
     sheep: int,
     dogs: int,
     friction: float = 1.0,
     timestep: float = TIMESTEP,
     dress: Callable[[MjSpec], None] | None = None,
+    closed: Obstacles | None = None,
 ) -> Bodies:
-    """The model of an arena of `size` metres with so many rovers and drones in it.
+    """The model of an arena with so many rovers and drones in it.
 
-    `goal` is x, y and radius in metres. The walls stand a rover's radius outside the arena, so
-    that the rovers' centres have all of it. `friction` is the floor's, for the wheels.
+    `sides` are those along x and y in metres, of a square one number. `goal` is x, y and radius in
+    metres. The walls stand a rover's radius outside the arena, so that the rovers' centres have
+    all of it. `friction` is the floor's, for the wheels. `closed` is what `closed_to` returns.
     What there is to see is for `dress` to add, see `skydog.twin.looks`; physics does without it.
     """
+    wide, high = plain(sides)
     spec = MjSpec()
     spec.compiler.degree = False
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.gravity = (0.0, 0.0, -autopilot.GRAVITY)
-    _add_walls(spec, size, rover.body.radius)
+    _add_walls(spec, (wide, high), rover.body.radius)
+    for kind, size, pos, turn in outlines(closed, rover):
+        _add_wall(spec, kind, size, pos, turn)
     floor = spec.worldbody.add_geom(
         name="floor",
         type=mjtGeom.mjGEOM_PLANE,
-        size=(size, size, 0.1),
-        pos=(size / 2, size / 2, 0.0),
+        size=(wide, high, 0.1),
+        pos=(wide / 2, high / 2, 0.0),
         group=PHYSICAL,
         contype=FLOOR,
         conaffinity=ROVER | DRONE,
@@ -102,6 +109,51 @@ def build(
     )
 
 
+Outline = tuple[mjtGeom, tuple[float, float, float], tuple[float, float, float], float]
+"""What stands on the floor: a geom's kind, size and place in metres, and its turn about z."""
+
+
+def plain(sides: float | tuple[float, float]) -> tuple[float, float]:
+    """The sides along x and y, of what may be one number for both."""
+    return sides if isinstance(sides, tuple) else (sides, sides)
+
+
+def closed_to(rover: Rover, obstacles: Obstacles | None) -> Obstacles | None:
+    """Where the centre of a rover cannot be: the obstacles, or a little more.
+
+    An obstacle's body is a rover's radius thinner than the obstacle, so that rovers' centres come
+    as near as a point does, but no thinner than the arena's walls. Raises `Refusal` for tall
+    obstacles.
+    """
+    if obstacles is None:
+        return None
+    if obstacles.tall:
+        raise Refusal(
+            "the twin's drones fly above obstacles, and this scene has dogs on the ground; "
+            "change its file to dogs = 'above'"
+        )
+    least = rover.body.radius + WALL_THICKNESS / 2
+    return replace(obstacles, radius=jnp.maximum(obstacles.radius, least))
+
+
+def outlines(closed: Obstacles | None, rover: Rover) -> list[Outline]:
+    """The bodies of obstacles, as high as walls: boxes with round ends, and discs."""
+    if closed is None:
+        return []
+    found: list[Outline] = []
+    radii = np.asarray(closed.radius, float) - rover.body.radius
+    for (first, last), radius in zip(np.asarray(closed.ends, float), radii, strict=True):
+        ends = [first] if np.array_equal(first, last) else [first, last]
+        for x, y in ends:
+            found.append((mjtGeom.mjGEOM_CYLINDER, (radius, WALL / 2, 0.0), (x, y, WALL / 2), 0.0))
+        if len(ends) == 2:
+            along, (x, y) = last - first, (first + last) / 2
+            size = float(np.hypot(*along)) / 2, radius, WALL / 2
+            turn = float(np.arctan2(along[1], along[0]))
+            found.append((mjtGeom.mjGEOM_BOX, size, (x, y, WALL / 2), turn))
+    return found
+
+
 def rest(uav: UAV, rover: Rover) -> tuple[float, float]:
     """The altitude in metres of a drone and of a rover that stand on the floor."""
     return uav.body.height / 2, rover.body.wheel_radius
@@ -128,20 +180,32 @@ def _actuators(
     return np.array(found, int).reshape(count, len(names))
 
 
-def _add_walls(spec: MjSpec, size: float, beyond: float) -> None:
-    half = size / 2 + beyond + WALL_THICKNESS
-    middle, thick = size / 2, WALL_THICKNESS / 2
-    away = size / 2 + beyond + thick
+def _add_walls(spec: MjSpec, sides: tuple[float, float], beyond: float) -> None:
+    middle, thick = np.array(sides) / 2, WALL_THICKNESS / 2
+    half, away = middle + beyond + WALL_THICKNESS, middle + beyond + thick
     for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        spec.worldbody.add_geom(
-            type=mjtGeom.mjGEOM_BOX,
-            size=(thick if x else half, thick if y else half, WALL / 2),
-            pos=(middle + x * away, middle + y * away, WALL / 2),
-            group=PHYSICAL,
-            friction=(0.2, 0.005, 0.0001),
-            contype=FLOOR,
-            conaffinity=ROVER | DRONE,
-        )
+        size = thick if x else half[0], thick if y else half[1], WALL / 2
+        at = middle + away * (x, y)
+        _add_wall(spec, mjtGeom.mjGEOM_BOX, size, (at[0], at[1], WALL / 2), 0.0)
+
+
+def _add_wall(
+    spec: MjSpec,
+    kind: mjtGeom,
+    size: tuple[float, float, float],
+    pos: tuple[float, float, float],
+    turn: float,
+) -> None:
+    spec.worldbody.add_geom(
+        type=kind,
+        size=size,
+        pos=pos,
+        quat=(np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)),
+        group=PHYSICAL,
+        friction=(0.2, 0.005, 0.0001),
+        contype=FLOOR,
+        conaffinity=ROVER | DRONE,
+    )
 
 
 def _add_drone(spec: MjSpec, name: str, uav: UAV) -> None:

@@ -3,10 +3,15 @@
 from dataclasses import replace
 
 import jax
-from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from skydog.world import mission
+from skydog.flight.limits import Corner
+from skydog.flight.setpoints import Slide
+from skydog.world import mission, obstacles
 from skydog.world.mission import Decision, Shepherd
+from skydog.world.obstacles import Obstacles
 from skydog.world.params import World
 from skydog.world.state import State
 
@@ -35,3 +40,32 @@ def decide(
 
     keyed = None if keys is None else 0
     return jax.vmap(one, in_axes=(0, 0, keyed))(seen, real, keys)
+
+
+def sliding(closed: Obstacles | None, sides: Corner) -> Slide | None:
+    """How set-points of rovers slide along obstacles: as the sheep of the kinematic world do.
+
+    `closed` is what `bodies.closed_to` returns, `sides` are those of the arena in metres.
+    """
+    if closed is None:
+        return None
+    most = jnp.asarray(sides, jnp.float32)
+
+    def slide(
+        before: Float[np.ndarray, "batch sheep 2"], after: Float[np.ndarray, "batch sheep 2"]
+    ) -> Float[np.ndarray, "batch sheep 2"]:
+        start, end = jnp.asarray(before, jnp.float32), jnp.asarray(after, jnp.float32)
+        return np.asarray(_moved(closed, start, end, most), float)
+
+    return slide
+
+
+@jax.jit
+def _moved(
+    closed: Obstacles,
+    before: Float[Array, "batch sheep 2"],
+    after: Float[Array, "batch sheep 2"],
+    most: Float[Array, "..."],
+) -> Float[Array, "batch sheep 2"]:
+    move = jax.vmap(obstacles.moved, in_axes=(None, 0, 0, None, None))
+    return move(closed, before, after, 0.0, most)

@@ -8,8 +8,9 @@ from mujoco import MjsBody, MjSpec, mjtGeom
 
 from skydog.flight import autopilot
 from skydog.flight.profiles import UAV, Rover, RoverBody, UAVBody
-from skydog.twin.bodies import WALL, WALL_THICKNESS
+from skydog.twin.bodies import WALL, WALL_THICKNESS, outlines, plain
 from skydog.view.colours import ROLES
+from skydog.world.obstacles import Obstacles
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, from 0 to 1."""
@@ -46,14 +47,22 @@ def rotors(has: UAVBody) -> Float[np.ndarray, "4 3"]:
 
 
 def dress(
-    spec: MjSpec, uav: UAV, rover: Rover, size: float, goal: tuple[float, float, float]
+    spec: MjSpec,
+    uav: UAV,
+    rover: Rover,
+    sides: float | tuple[float, float],
+    goal: tuple[float, float, float],
+    closed: Obstacles | None = None,
 ) -> None:
     """Add to what `bodies.build` specifies all that there is to see of it.
 
     The blades on rotor n of drone m turn about the z axis of the geom `dog{m}_propeller{n}`.
     """
     _light(spec)
-    _dress_room(spec, size, rover.body.radius)
+    _dress_room(spec, plain(sides), rover.body.radius)
+    for kind, size, pos, turn in outlines(closed, rover):
+        quat = (np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2))
+        _draw(spec.worldbody, kind, size, colour("arena"), pos=pos, quat=quat)
     _dress_goal(spec, goal)
     _dress_hull(spec, uav.body)
     for body in spec.bodies:
@@ -79,7 +88,7 @@ def _light(spec: MjSpec) -> None:
     see.headlight.specular = (0.0, 0.0, 0.0)
 
 
-def _dress_room(spec: MjSpec, size: float, beyond: float) -> None:
+def _dress_room(spec: MjSpec, sides: tuple[float, float], beyond: float) -> None:
     """The floor, whose squares are metres, and walls to look through."""
     spec.add_texture(
         name="metres",
@@ -93,8 +102,8 @@ def _dress_room(spec: MjSpec, size: float, beyond: float) -> None:
     )
     floor = spec.add_material(name="metres", reflectance=0.0, specular=0.0)
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "metres"
-    ends = np.array([-beyond, size + beyond])
-    corners = np.stack([*np.meshgrid(ends, ends), np.zeros((2, 2))], axis=-1).reshape(4, 3)
+    ends = [np.array([-beyond, side + beyond]) for side in sides]
+    corners = np.stack([*np.meshgrid(*ends), np.zeros((2, 2))], axis=-1).reshape(4, 3)
     spec.add_mesh(
         name="floor",
         uservert=corners.ravel(),
@@ -103,14 +112,13 @@ def _dress_room(spec: MjSpec, size: float, beyond: float) -> None:
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
     _draw(spec.worldbody, MESH, (), LIGHT, meshname="floor", material="metres")
-    middle, thick = size / 2, WALL_THICKNESS / 2
-    wide = (20 * size, 20 * size, 1.0)
-    _draw(spec.worldbody, PLANE, wide, AROUND, pos=(middle, middle, -0.01))
+    middle, thick = np.array(sides) / 2, WALL_THICKNESS / 2
+    far = 20 * max(sides)
+    _draw(spec.worldbody, PLANE, (far, far, 1.0), AROUND, pos=(*middle, -0.01))
     for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         half = middle + beyond + (2 * thick if x else 0.0)
-        away = middle + beyond + thick
-        side = (thick if x else half, thick if y else half)
-        at = (middle + x * away, middle + y * away)
+        side = (thick if x else half[0], thick if y else half[1])
+        at = middle + (middle + beyond + thick) * (x, y)
         _draw(spec.worldbody, BOX, (*side, WALL / 2), GLASS, pos=(*at, WALL / 2))
         _draw(spec.worldbody, BOX, (*side, 0.01), LIGHT, pos=(*at, WALL))
 

@@ -19,18 +19,18 @@ from skydog import numerics, quantities
 from skydog.errors import Refusal
 from skydog.flight import altitude, base, profiles, rovers, setpoints, station
 from skydog.flight.base import Base, Decided
-from skydog.flight.limits import Limits
+from skydog.flight.limits import Corner, Limits
 from skydog.flight.options import Steering
 from skydog.flight.station import DT, Frame, Station
 from skydog.flight.supervisor import Mode, Order
 from skydog.twin import bodies, plant
 from skydog.twin import starts as pads
-from skydog.twin.deciding import decide
+from skydog.twin.deciding import decide, sliding
 from skydog.twin.disturbances import DISTURBANCES, Disturbances
 from skydog.twin.noise import Drawn, Luck
 from skydog.twin.plant import Plant, Truth
 from skydog.twin.record import Record, hold
-from skydog.world import memory, mission, params, scenes
+from skydog.world import memory, mission, params
 from skydog.world.mission import MAX_STEPS, Decision, Shepherd
 from skydog.world.params import World
 from skydog.world.state import State
@@ -136,7 +136,7 @@ class Flight:
         memory.none(world, "the twin")
         self.twin, self.steps = twin, steps
         self.world, self.shepherd = params.traced(world), params.traced(shepherd)
-        self.ticks = _ticks(scenes.check_open(world, "the twin"))
+        self.ticks = _ticks(world)
         missions, sheep, _ = starts.sheep.shape
         dogs = starts.dogs.shape[1]
         self.uav, self.rover = profiles.uav(twin.profile), profiles.rover(twin.rovers)
@@ -145,17 +145,21 @@ class Flight:
             self.rover = replace(self.rover, tracking=loop)
         disturb = twin.disturbances()
         arena = world.arena
-        self.size, self.airspace = float(arena.size), float(world.dog.airspace)
-        pads.check(starts, self.uav, self.rover, self.size)
+        wide, high = arena.plain_sides
+        self.sides: Corner = wide if wide == high else np.array([wide, high])
+        self.airspace = float(world.dog.airspace)
+        closed = bodies.closed_to(self.rover, world.obstacles)
+        pads.check(starts, self.uav, self.rover, self.sides, closed)
         self.bodies = bodies.build(
             self.uav,
             self.rover,
-            self.size,
+            (wide, high),
             (float(arena.goal_x), float(arena.goal_y), float(arena.goal_radius)),
             sheep,
             dogs,
             disturb.friction,
             twin.timestep,
+            closed=closed,
         )
         self.plant = Plant(self.uav, self.bodies, missions, twin.threads)
         keys = jax.random.split(jax.random.key(0) if key is None else key, missions)
@@ -170,22 +174,23 @@ class Flight:
             np.asarray(world.sheep.speed, float),
         )
         self.height = altitude.HEIGHT + station.LEVEL * np.arange(dogs) * np.ones((missions, 1))
-        cage = -self.airspace - BEYOND, self.size + self.airspace + BEYOND
+        beyond = self.airspace + BEYOND
         self.base = Base(
             self.station,
             # An ideal body is where it is to be at once, however far that is. A drone that falls is
             # down, which the twin knows by itself.
             Limits(
-                cage,
-                cage,
+                (-beyond, wide + beyond),
+                (-beyond, high + beyond),
                 (-1.0, float(self.height.max()) + 1.0),
                 lowest=-inf,
                 drone_speed=inf,
                 jump=inf if twin.ideal else Limits.jump,
             ),
-            (-self.airspace, self.size + self.airspace),
-            (0.0, self.size),
+            (-self.airspace, self.sides + self.airspace),
+            (0.0, self.sides),
             self.height,
+            sliding(closed, self.sides),
         )
         self.now = 0  # ticks of the base station
         pad, wheel = bodies.rest(self.uav, self.rover)
@@ -262,8 +267,8 @@ class Flight:
             self._tick(tick * DT, drawn, flying, None if tick else moves)
         upset, down = self.plant.crashed()
         truth = self.plant.truth()
-        out = _beyond(truth.dogs[..., :2], self.airspace + BEYOND, self.size)
-        out |= _beyond(truth.sheep, BEYOND, self.size)
+        out = _beyond(truth.dogs[..., :2], self.airspace + BEYOND, self.sides)
+        out |= _beyond(truth.sheep, BEYOND, self.sides)
         out |= np.any(truth.dogs[..., 2] > self.height + 1.0, axis=1)
         stopped = self.memory.supervisor.mode > Mode.HOLD
         for found, how in ((stopped, STOPPED), (out, LEFT), (down, DOWN), (upset, UPSET)):
@@ -372,8 +377,8 @@ def _with_height(
 
 
 def _beyond(
-    position: Float[np.ndarray, "batch bodies 2"], beyond: float, size: float
+    position: Float[np.ndarray, "batch bodies 2"], beyond: float, sides: Corner
 ) -> Bool[np.ndarray, " batch"]:
-    """In which missions a body is out of the square that is `beyond` metres larger."""
-    inside = (position >= -beyond) & (position <= size + beyond)
+    """In which missions a body is out of the arena if that is `beyond` metres larger."""
+    inside = (position >= -beyond) & (position <= sides + beyond)
     return ~np.all(inside, axis=(1, 2))

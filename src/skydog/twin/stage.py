@@ -64,18 +64,21 @@ class Stage:
         self, uav: UAV, rover: Rover, world: World, scenes: Scenes, texts: tuple[str, str, str]
     ):
         arena, dogs = world.arena, scenes.dogs.shape[1]
-        size = float(arena.size)
+        sides = arena.plain_sides
+        closed = bodies.closed_to(rover, world.obstacles)
         goal = float(arena.goal_x), float(arena.goal_y), float(arena.goal_radius)
-        dress = partial(looks.dress, uav=uav, rover=rover, size=size, goal=goal)
+        dress = partial(looks.dress, uav=uav, rover=rover, sides=sides, goal=goal, closed=closed)
         self.uav, self.rover, self.scenes, self.texts = uav, rover, scenes, texts
-        self.bodies = bodies.build(uav, rover, size, goal, scenes.sheep.shape[1], dogs, dress=dress)
+        self.bodies = bodies.build(
+            uav, rover, sides, goal, scenes.sheep.shape[1], dogs, dress=dress, closed=closed
+        )
         self.model = self.bodies.model
         see = self.model.vis
         see.global_.offwidth, see.global_.offheight = WIDTH, HEIGHT
         see.global_.fovy = np.degrees(FIELD)
         see.quality.offsamples = SAMPLES
         see.quality.numslices, see.quality.numstacks, see.quality.numquads = FACETS
-        self.model.stat.extent = size  # metres in which MuJoCo counts how far it draws
+        self.model.stat.extent = max(sides)  # metres in which MuJoCo counts how far it draws
         self.data = mujoco.MjData(self.model)
         self.blades = [
             (self.model.geom(f"dog{dog}_propeller{rotor}").id, spin)
@@ -84,7 +87,7 @@ class Stage:
         ]
         for geom, _ in self.blades:
             self.model.geom_sameframe[geom] = 0  # MuJoCo would take it to stand as its body does
-        self.above = _overview(size, rover, scenes.dogs, uav.body.radius)
+        self.above = _overview(sides, rover, scenes.dogs, uav.body.radius)
         self.behind = _behind(scenes, uav)
 
     def __enter__(self) -> "Stage":
@@ -197,7 +200,10 @@ def _opengl() -> Any:
 
 
 def _overview(
-    size: float, rover: Rover, dogs: Float[np.ndarray, "frames dogs 3"], radius: float
+    sides: tuple[float, float],
+    rover: Rover,
+    dogs: Float[np.ndarray, "frames dogs 3"],
+    radius: float,
 ) -> MjvCamera:
     """The camera that looks along y and is as near as it sees the whole arena and all flights.
 
@@ -206,7 +212,8 @@ def _overview(
     """
     beyond = rover.body.radius + 2 * bodies.WALL_THICKNESS
     cube = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
-    arena = cube * (size + 2 * beyond, size + 2 * beyond, bodies.WALL) - (beyond, beyond, 0.0)
+    wide, high = (side + 2 * beyond for side in sides)
+    arena = cube * (wide, high, bodies.WALL) - (beyond, beyond, 0.0)
     flights = dogs.reshape(-1, 1, 3) + (2 * cube - 1) * radius
     points = np.concatenate([arena, flights.reshape(-1, 3)])
     forward = np.array([0.0, np.cos(DOWN), -np.sin(DOWN)])

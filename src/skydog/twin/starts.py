@@ -7,15 +7,17 @@ of fourteen: those are drawn anew.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from skydog import numerics
 from skydog.errors import Refusal
-from skydog.flight.limits import APART, PAD
+from skydog.flight.limits import APART, PAD, Corner
 from skydog.flight.profiles import UAV, Rover
 from skydog.study import cases
 from skydog.study.options import FlyableStarts
-from skydog.world import scenes
+from skydog.twin.bodies import closed_to
+from skydog.world import obstacles
+from skydog.world.obstacles import Obstacles
 from skydog.world.params import World
 from skydog.world.state import State
 
@@ -23,29 +25,36 @@ DRAWS = 1000  # times as many as are asked for, at most
 
 
 def flyable(
-    starts: State, uav: UAV, rover: Rover, size: float
+    starts: State, uav: UAV, rover: Rover, sides: Corner, closed: Obstacles | None = None
 ) -> tuple[Bool[np.ndarray, " cases"], Bool[np.ndarray, " cases"]]:
     """In which starts rovers fit, in the arena and apart, and in which all pads are clear.
 
-    A pad is also clear of the walls.
+    A pad is also clear of the walls and of obstacles. `closed` is what `bodies.closed_to` returns.
     """
     sheep, dogs = (np.asarray(who, float) for who in (starts.sheep, starts.dogs))
     apart = 2 * rover.body.radius + APART
     clear = rover.body.radius + uav.body.radius + PAD
     spaced = _nearest(sheep, sheep) >= apart
-    spaced &= np.all((sheep >= 0.0) & (sheep <= size), axis=(1, 2))
+    spaced &= np.all((sheep >= 0.0) & (sheep <= sides), axis=(1, 2))
     pads = (_nearest(dogs, sheep) >= clear) & (_nearest(dogs, dogs) >= 2 * uav.body.radius + APART)
     # The walls stand a rover's radius outside the arena.
     inside = max(0.0, uav.body.radius + PAD - rover.body.radius)
-    pads &= np.all((dogs >= inside) & (dogs <= size - inside), axis=(1, 2))
+    pads &= np.all((dogs >= inside) & (dogs <= sides - inside), axis=(1, 2))
+    if closed is not None:
+        free = [np.asarray(_clearance(closed, who)) for who in (starts.sheep, starts.dogs)]
+        spaced &= free[0] >= 0.0
+        pads &= free[1] >= uav.body.radius + PAD - rover.body.radius
     return spaced, pads
 
 
-def check(starts: State, uav: UAV, rover: Rover, size: float) -> None:
-    """Raise `Refusal` for a start that cannot be flown in an arena of `size` metres."""
-    spaced, pads = flyable(starts, uav, rover, size)
+def check(
+    starts: State, uav: UAV, rover: Rover, sides: Corner, closed: Obstacles | None = None
+) -> None:
+    """Raise `Refusal` for a start that cannot be flown, as `flyable` tells."""
+    spaced, pads = flyable(starts, uav, rover, sides, closed)
+    where = "outside the arena" if closed is None else "outside the arena or in an obstacle"
     for fits, what in (
-        (spaced, "rovers overlap or stand outside the arena"),
+        (spaced, f"rovers overlap or stand {where}"),
         (pads, "a drone's pad is not clear"),
     ):
         if not fits.all():
@@ -67,13 +76,14 @@ def draw(
     dogs: int = 1,
 ) -> State:
     """`count` starts that can be flown: the same for the same arguments. Raises `Refusal`."""
-    scenes.check_open(world, "the twin")
+    closed, (wide, high) = closed_to(rover, world.obstacles), world.arena.plain_sides
+    sides = wide if wide == high else np.array([wide, high])
     sort = "random" if kind == "spaced" else kind
     found: list[State] = []
     want = count
     for batch in range(DRAWS):
         drawn = cases.cases(world, max(2 * count, 32), sort, seed + 1_000_003 * batch, sheep, dogs)
-        spaced, pads = flyable(drawn, uav, rover, float(world.arena.size))
+        spaced, pads = flyable(drawn, uav, rover, sides, closed)
         fits = np.flatnonzero(spaced & pads)[:want]
         found.append(jax.tree.map(lambda leaf, fits=fits: leaf[fits], drawn))
         want -= len(fits)
@@ -83,9 +93,15 @@ def draw(
             break
     raise Refusal(
         f"{sheep} rovers of {2 * rover.body.radius:g} m do not find room to start beside "
-        f"drones of {2 * uav.body.radius:g} m in an arena of {float(world.arena.size):g} m; "
+        f"drones of {2 * uav.body.radius:g} m in an arena of {wide:g} m; "
         "try a larger --arena"
     )
+
+
+@jax.jit
+def _clearance(closed: Obstacles, places: Float[Array, "cases some 2"]) -> Float[Array, " cases"]:
+    """How far the one that is nearest to an obstacle is from where rovers' centres cannot be."""
+    return jax.vmap(lambda these: jnp.min(obstacles.clearance(closed, these)))(places)
 
 
 def _nearest(
