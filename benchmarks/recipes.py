@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 import recipes_page
 
-from skydog import files, preset
+from skydog import files, from_policy, preset
 from skydog.envs.vector import HerdingVectorEnv
+from skydog.shepherds.options import ObservationKind
 from skydog.study import cases, evaluate, statistics
 
 JUDGED = (2, 3, 4)  # seeds of trainings; the recipes were tuned with 0 and 1
@@ -89,7 +90,7 @@ RECIPES = (
 
 
 def episodes(
-    predict: Any, task: str, seed: int, count: int, observation: str = "full"
+    predict: Any, task: str, seed: int, count: int, observation: ObservationKind = "full"
 ) -> dict[str, np.ndarray]:
     """Success, steps and return of one episode in each of so many worlds."""
     limit = 1000 if task == "herd" else None
@@ -158,15 +159,13 @@ def train(recipe: Recipe, seed: int, folder: Path) -> dict[str, Any]:
     return {"rows": rows, **spent, "judged": judge(predict, recipe.task)}
 
 
-def judge(predict: Any, task: str, observation: str = "full") -> dict[str, Any]:
+def judge(predict: Any, task: str, observation: ObservationKind = "full") -> dict[str, Any]:
     """What a policy does in 1,000 episodes: of missions the cases that ship, of lessons others."""
     if task != "herd":
         return figures(episodes(predict, task, AT_THE_END, 1_000, observation))
-    from skydog.envs.sb3 import shepherd
-
     world = preset("paper", arena=4.0)
     return evaluate.row(
-        evaluate.fly(world, shepherd(predict, observation), cases.shipped(world, "random"))
+        evaluate.fly(world, from_policy(predict, observation), cases.shipped(world, "random"))
     )
 
 

@@ -22,24 +22,27 @@ COMMAND = "python benchmarks/recipes.py --out docs/recipes.md"
 INTRODUCTION = """\
 # Recipes for Stable-Baselines3
 
-Numbers with which PPO, SAC and TD3 of [Stable-Baselines3](https://stable-baselines3.readthedocs.io) learn
-[`Herd-v0` and `Drive-v0`](envs.md), and what each training came to. One policy flies the whole mission: it has no subgoals, no
-gate and no scale factor. So it is taught for three sheep, this goal and this arena of 4 m.
+Numbers with which PPO, SAC and TD3 of [Stable-Baselines3](https://stable-baselines3.readthedocs.io)
+learn [`Herd-v0` and `Drive-v0`](envs.md), and what each training came to. One network flies the
+whole mission: it has no subgoals, no gate and no scale factor. So it herds only what it was trained
+for: three sheep, to this goal, in an arena of 4 m. The [glossary](glossary.md) explains the words.
 
-Made by `{command}` (`pip install 'skydog[sb3]'`) on {where}. Each training had one thread. **Minutes are those of the processor**,
-evaluations included; the machine was shared with other work, so the time on the clock was longer and says little.
+Made by `{command}` (`pip install 'skydog[sb3]'`) on {where}. Each training had one thread.
+**Minutes are those of the processor**, evaluations included. The machine was shared with other
+work, so the time on the clock was longer.
 
 - The recipes were tuned with the seeds 0 and 1. The seeds below are others.
-- Every policy is evaluated on the way, in 200 episodes, and the best is kept. *First* is the first evaluation in which
-  {target:.1%} of the missions succeeded.
-- The policy that was kept is judged in 1,000 episodes that were used for nothing else. Brackets are 95 % intervals.
+- Every policy is evaluated on the way, in 200 episodes, and the best is kept. *First* is the first
+  evaluation in which at least {target:.1%} of the missions succeeded.
+- The policy that was kept is judged in 1,000 episodes that were used for nothing else. Brackets
+  are 95 % intervals.
 """
 
 HERD = """
 ## Herd-v0
 
-Judged in the 1,000 random starts that ship (`skydog test ... --cases 1000 --starts random`). Below the line are two shepherds
-of ours, in the same missions.
+Judged in the 1,000 random starts that ship (`--cases 1000 --starts random` of `skydog test`). The
+last two rows are shepherds of ours, in the same missions.
 
 {table}
 """
@@ -47,8 +50,9 @@ of ours, in the same missions.
 DRIVE = """
 ## Drive-v0
 
-The lesson *drive*, at arenas of 3 to 40 m. It has no success in which it ends, so it is the return that counts. *Straight* is a
-dog that flies straight to its subgoal at full speed and holds it: a rule to compare with, in the same episodes.
+The lesson *drive*, in arenas of 3 to 40 m. An episode has 50 steps and does not end when the dog
+arrives, so what counts is the return. *Straight* is a rule, in the same episodes: a dog that flies
+straight to its subgoal.
 
 {table}
 """

@@ -2,7 +2,6 @@
 """A real client: Stable-Baselines3's own checker, its VecEnv, its PPO. `make peers` runs them."""
 
 import gymnasium
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -17,11 +16,10 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor
 
 import skydog.envs  # noqa: F401
-from skydog.envs.sb3 import EvaluationCallback, HerdingVecEnv, Metres, shepherd
+from skydog.envs.sb3 import EvaluationCallback, HerdingVecEnv, Metres
 from skydog.errors import Refusal
-from skydog.study import cases, evaluate
+from skydog.study import cases
 from skydog.study.progress import Evaluation
-from skydog.world import herding
 from skydog.world.presets import preset
 
 NAMES = ("skydog/Herd-v0", "skydog/Collect-v0", "skydog/Drive-v0")
@@ -152,18 +150,3 @@ def test_a_training_stops_when_enough_missions_succeed():
     ppo = PPO("MlpPolicy", HerdingVecEnv(8, observation="full"), n_steps=32, seed=0)
     ppo.learn(1_024, callback=callback)
     assert ppo.num_timesteps == 8
-
-
-def test_missions_of_a_policy_are_those_of_the_same_rule_compiled():
-    world = preset("paper", arena=4.0)
-    starts = cases.cases(world, 5, "anywhere", 3)
-
-    def rule(seen):  # away from the goal, at half the speed
-        return -0.5 * np.sign(seen[:, 6:8])
-
-    def compiled(world, state):
-        return -0.5 * world.dog.speed * jnp.sign(herding.goal(world.arena) - state.dogs)
-
-    ours = evaluate.fly(world, shepherd(rule, "full"), starts, 60)
-    theirs = evaluate.fly(world, compiled, starts, 60)
-    np.testing.assert_allclose(ours.dogs, theirs.dogs, atol=1e-4)

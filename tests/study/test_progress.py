@@ -57,9 +57,12 @@ def test_an_evaluation_flies_the_same_missions_when_it_is_due_and_knows_the_best
     kept = tmp_path / "evaluation.csv"
     evaluation = progress.Evaluation(world, cases.cases(world, 4, "anywhere", 3), 1_000, kept)
     assert str(evaluation) == "no missions flown yet"
-    assert evaluation(0, Still())["success"] < 1.0
+    first = evaluation(0, Still())
+    assert first is not None
+    assert first["success"] < 1.0
     assert evaluation(999, Strombom()) is None
     good = evaluation(1_064, Strombom())
+    assert good is not None
     assert evaluation(1_999, Strombom()) is None
     evaluation(2_000, Still())
     assert list(evaluation.rows) == [0, 1_064, 2_000]

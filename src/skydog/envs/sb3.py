@@ -6,17 +6,15 @@ It needs `pip install 'skydog[sb3]'`.
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from skydog.envs import tasks
-from skydog.envs.tasks import EnvState, HerdTask, Mission
 from skydog.envs.vector import HerdingVectorEnv
 from skydog.errors import Refusal, short
+from skydog.shepherds.foreign import from_policy
+from skydog.shepherds.options import ObservationKind
 from skydog.study.progress import Evaluation
-from skydog.world.mission import Shepherd
 
 try:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -131,11 +129,14 @@ class EvaluationCallback(BaseCallback):
     """
 
     def __init__(
-        self, evaluation: Evaluation, observation: str = "compact", stop: float | None = None
+        self,
+        evaluation: Evaluation,
+        observation: ObservationKind = "compact",
+        stop: float | None = None,
     ):
         super().__init__()
         self.evaluation, self.stop = evaluation, stop
-        self._shepherd = shepherd(self._predict, observation)
+        self._shepherd = from_policy(self._predict, observation)
 
     def _predict(self, seen: np.ndarray) -> np.ndarray:
         return self.model.predict(seen, deterministic=True)[0]
@@ -146,23 +147,3 @@ class EvaluationCallback(BaseCallback):
             self.logger.record("evaluation/success", row["success"])
             self.logger.record("evaluation/steps", row["steps"]["mean"])
         return row is None or self.stop is None or row["success"] < self.stop
-
-
-def shepherd(predict: Any, observation: str = "compact") -> Shepherd:
-    """A shepherd that asks `predict` once a step, for the dogs of all missions together."""
-
-    def fly(world, state):
-        task = HerdTask(world, state.sheep.shape[0], state.dogs.shape[0])
-        episode = EnvState(Mission(state, jax.random.key(0), jnp.asarray(0)), jnp.zeros(()))
-        seen = tasks.observe(task, episode, observation)
-
-        def ask(seen: Any) -> np.ndarray:
-            seen = np.asarray(seen)
-            actions = predict(seen.reshape(-1, seen.shape[-1]))
-            return np.asarray(actions, np.float32).reshape(*seen.shape[:-1], 2)
-
-        shape = jax.ShapeDtypeStruct(state.dogs.shape, jnp.float32)
-        actions = jax.pure_callback(ask, shape, seen, vmap_method="broadcast_all")
-        return world.dog.speed * actions
-
-    return fly

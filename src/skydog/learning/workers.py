@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -151,7 +151,7 @@ def _train(job: Job, link: Connection) -> bool:
 
     def callback(progress: train.Progress) -> bool:
         with suppress(OSError):  # nobody listens any more: what was learnt is kept all the same
-            link.send(Message(job, progress=progress))
+            link.send(Message(job, progress=replace(progress, skill=None)))
         return not link.poll()  # told to stop, or the parent is gone
 
     curriculum = job.curriculum
