@@ -28,7 +28,7 @@ docs: $(VENV)/dev.stamp  ## Build the site, and run its notebook: build/site/ind
 
 peers: $(VENV)-peers/stamp  ## Show what other libraries say of our environments, and learn in them
 	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_checkers.py tests/envs/test_sb3.py \
-		tests/envs/test_torchrl.py
+		tests/envs/test_sb3_worlds.py tests/envs/test_torchrl.py
 
 ros: $(VENV)/dev.stamp  ## Put ROS 1 (Debian: rospy and its master, 5 MB) beside the environment
 	.ci/ros $(BIN)/python

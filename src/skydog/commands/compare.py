@@ -1,8 +1,9 @@
 """`skydog compare`: shepherds on the same cases, in one table."""
 
 import json
+from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from skydog.commands import flags
 from skydog.commands.flags import (
@@ -25,6 +26,11 @@ from skydog.commands.flags import (
 from skydog.errors import Refusal
 from skydog.study.options import Starts
 
+if TYPE_CHECKING:
+    from skydog.commands.missions import Missions
+    from skydog.twin import Twin
+    from skydog.world.state import State
+
 
 def compare(
     shepherds: Positional[flags.Shepherds],
@@ -42,6 +48,9 @@ def compare(
     starts: Starts | None = None,
     seed: Seed = 0,
     steps: Steps | None = None,
+    twin: bool = False,
+    profile: Annotated[str, arg(metavar="NAME|FILE.toml")] = "tum-simulator",
+    disturb: Annotated[str, arg(metavar="NAME")] = "none",
     out: MaybeOut = None,
     as_json: Json = False,
 ) -> int:
@@ -77,16 +86,25 @@ def compare(
         seed: Random seed of the starts and the noise.
         steps: Maximum steps per mission; a mission that needs more has failed. If not given: 1000,
             and 5000 in a scene.
+        twin: Fly in the physics twin, in the preset paper-physical if none is given. Starts are
+            those that robots can take: `paper`, or `random` if not given. See skydog twin.
+        profile: With --twin, the drone: tum-simulator, ardrone2, crazyflie, or a file like theirs.
+        disturb: With --twin, the disturbances: none, mild or lab.
         out: Where to write results.json, results.md, results.csv and the figure, if given.
         as_json: Print the results as JSON instead of a table.
     """
     if len(shepherds) < 2:
         raise Refusal("compare needs two shepherds or more; try skydog compare strombom h-ddpg-4x4")
+    import jax
+
     from skydog.commands import console, missions
+    from skydog.shepherds import scope
     from skydog.study import compare as study
     from skydog.view import comparison, figures
     from skydog.world import loading
 
+    if twin and preset == "paper" and world is None:
+        preset = "paper-physical"
     flown = missions.asked(
         preset,
         world,
@@ -102,12 +120,20 @@ def compare(
         steps,
     )
     entries = study.entries(shepherds)
-    asked = study.asked(flown.world, cases, flown.starts, seed, flown.sheep, dogs, flown.steps)
+    fly, drawn = None, cases
+    if twin:
+        fly, drawn = _twin(flown, cases, starts, seed, dogs, profile, disturb)
+    asked = study.asked(flown.world, drawn, flown.starts, seed, flown.sheep, dogs, flown.steps)
+    if fly is not None:
+        asked.about["flown by"] = str(fly)
+        asked = asked._replace(key=jax.random.key(seed))
     if world is not None:
         asked.about["SHA-256 of the world's file"] = loading.digest(world)
+    for name, entry in entries.items():
+        console.say_beyond(name, scope.beyond(dict(entry.card), flown.world, flown.sheep))
     if out is not None:
         console.say("Ctrl-C keeps the rows that are flown; the same command continues.")
-    found = study.flown(entries, asked, out, track=console.track)
+    found = study.flown(entries, asked, out, fly, console.track)
     if out is not None:
         figures.save(comparison.figure(found), out / "comparison")
         console.say(f"Everything is in {out}; see {out / 'comparison.png'}.")
@@ -116,3 +142,26 @@ def compare(
     else:
         console.print_table(found.table())
     return 0
+
+
+def _twin(
+    flown: "Missions",
+    cases: int,
+    starts: Starts | None,
+    seed: int,
+    dogs: int,
+    profile: str,
+    disturb: str,
+) -> "tuple[Twin, State]":
+    """The twin, and starts that can be flown in it. Raises `Refusal` for what cannot be."""
+    from skydog.flight import profiles
+    from skydog.twin import Twin
+    from skydog.twin import starts as draws
+
+    if starts == "anywhere":
+        raise Refusal("rovers do not start anywhere in the twin; try --starts random")
+    kind = "paper" if starts == "paper" else "spaced"
+    fly = Twin(profile, disturb=disturb)
+    fly.check()
+    uav, rover = profiles.uav(profile), profiles.rover(fly.rovers)
+    return fly, draws.draw(flown.world, cases, kind, uav, rover, seed, flown.sheep, dogs)

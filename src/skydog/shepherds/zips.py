@@ -18,7 +18,8 @@ LARGEST = 1 << 30  # bytes
 def read(name: str) -> tuple[Any, ObservationKind]:
     """The `predict` of the model ALGORITHM:FILE.zip, and which observations it sees.
 
-    It acts without exploring. The code in the zip is run. Raises `Refusal` for what is missing or cannot be loaded.
+    It acts without exploring. The code in the zip is run. Raises `Refusal` for what is missing or
+    cannot be loaded.
     """
     algorithm, _, path = name.partition(":")
     files.read_bytes(Path(path), "model of Stable-Baselines3", LARGEST)

@@ -6,8 +6,10 @@ import io
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import is_dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,11 +35,12 @@ Measured = dict[str, np.ndarray]
 
 
 class Entry(NamedTuple):
-    """A shepherd of a comparison, what it was named, and a mark of what that means by now."""
+    """A shepherd of a comparison, what it was named, a mark of what that means by now, its card."""
 
     shepherd: Shepherd
     named: str | None = None
     digest: str | None = None
+    card: Mapping[str, Any] = MappingProxyType({})
 
 
 class Missions(NamedTuple):
@@ -80,6 +83,8 @@ def compare(
     if starts is None:
         starts = "paper" if sheep == 3 and world.obstacles is None else "random"
     missions = asked(world, cases, starts, seed, sheep, dogs, steps)
+    if fly is not None:
+        missions.about["flown by"] = str(fly) if is_dataclass(fly) else type(fly).__name__
     return flown(entries(shepherds), missions, None if out is None else Path(out), fly)
 
 
@@ -164,7 +169,8 @@ def flown(
 
 def _entry(each: str | Shepherd) -> Entry:
     if isinstance(each, str):
-        return Entry(named.read(each)[0], each, named.digest(each))
+        shepherd, card = named.read(each)
+        return Entry(shepherd, each, named.digest(each), card)
     if not callable(each):
         raise Refusal(f"a shepherd is a name or a function, got {short(each)}; try 'strombom'")
     return Entry(each)
