@@ -85,7 +85,7 @@ def test_a_policy_learns_in_a_vecenv_is_evaluated_and_saved_with_its_unit(tmp_pa
     world = preset("paper", arena=4.0)
     starts = cases.cases(world, 5, "anywhere", 3)
     evaluation = Evaluation(world, starts, 512, tmp_path / "evaluation.csv")
-    callback = EvaluationCallback(evaluation, "full")
+    callback = EvaluationCallback(evaluation, "full", keep=tmp_path / "best.zip")
     worlds = VecMonitor(HerdingVecEnv(8, observation="full", max_episode_steps=50))
     policy = {"features_extractor_class": Metres, "features_extractor_kwargs": {"unit": 4.0}}
     ppo = PPO("MlpPolicy", worlds, n_steps=32, batch_size=64, policy_kwargs=policy, seed=0)
@@ -94,12 +94,13 @@ def test_a_policy_learns_in_a_vecenv_is_evaluated_and_saved_with_its_unit(tmp_pa
     assert evaluation.rows[8]["cases"] == 5
     assert (tmp_path / "evaluation.csv").read_text().count("\n") == 4
     assert len(ppo.ep_info_buffer) >= 8
+    best = PPO.load(tmp_path / "best.zip")
+    assert best.num_timesteps == evaluation.best
     ppo.save(tmp_path / "ppo.zip")
     again = PPO.load(tmp_path / "ppo.zip")
     seen = worlds.reset()
-    np.testing.assert_array_equal(
-        ppo.predict(seen, deterministic=True)[0], again.predict(seen, deterministic=True)[0]
-    )
+    acts, theirs = (each.predict(seen, deterministic=True)[0] for each in (ppo, again))
+    np.testing.assert_array_equal(acts, theirs)
     assert again.policy.features_extractor.unit == 4.0
 
 

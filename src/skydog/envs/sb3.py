@@ -4,17 +4,21 @@
 It needs `pip install 'skydog[sb3]'`.
 """
 
+from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from skydog import files
 from skydog.envs import tasks
 from skydog.envs.vector import HerdingVectorEnv
 from skydog.errors import Refusal, short
 from skydog.shepherds.foreign import from_policy
 from skydog.shepherds.options import ObservationKind
 from skydog.study.progress import Evaluation
+from skydog.world.mission import MAX_STEPS
 
 try:
     from stable_baselines3.common.callbacks import BaseCallback
@@ -22,9 +26,6 @@ try:
     from stable_baselines3.common.vec_env import VecEnv
 except ModuleNotFoundError:
     raise Refusal("this needs Stable-Baselines3; run: pip install 'skydog[sb3]'") from None
-
-# As `gymnasium.make` limits them: a lesson ends by itself.
-LIMITS = {"herd": 1000, "collect": None, "drive": None}
 
 
 class HerdingVecEnv(VecEnv):
@@ -41,7 +42,8 @@ class HerdingVecEnv(VecEnv):
         for name in ("autoreset_mode", "render_mode"):
             if name in options:
                 raise Refusal(f"Stable-Baselines3's VecEnv has no {name}; leave it out")
-        options = {"max_episode_steps": LIMITS.get(task), **options}
+        if task == "herd":  # as `gymnasium.make` limits it
+            options = {"max_episode_steps": MAX_STEPS, **options}
         same = AutoresetMode.SAME_STEP
         self.worlds = HerdingVectorEnv(num_envs, task, autoreset_mode=same, **options)
         self.render_mode = None
@@ -125,7 +127,8 @@ class EvaluationCallback(BaseCallback):
     """Flies the missions of a `skydog.study.progress.Evaluation` while a model learns.
 
     `observation` is that of the model's environment, and the evaluation's world is to have the same
-    flock. With `stop` the training ends as soon as that share of the missions succeeds.
+    flock. With `stop` the training ends as soon as that share of the missions succeeds. With `keep`
+    the best model so far is saved there, a zip.
     """
 
     def __init__(
@@ -133,9 +136,10 @@ class EvaluationCallback(BaseCallback):
         evaluation: Evaluation,
         observation: ObservationKind = "compact",
         stop: float | None = None,
+        keep: str | Path | None = None,
     ):
         super().__init__()
-        self.evaluation, self.stop = evaluation, stop
+        self.evaluation, self.stop, self.keep = evaluation, stop, keep
         self._shepherd = from_policy(self._predict, observation)
 
     def _predict(self, seen: np.ndarray) -> np.ndarray:
@@ -143,7 +147,12 @@ class EvaluationCallback(BaseCallback):
 
     def _on_step(self) -> bool:
         row = self.evaluation(self.num_timesteps, self._shepherd)
-        if row is not None:
-            self.logger.record("evaluation/success", row["success"])
-            self.logger.record("evaluation/steps", row["steps"]["mean"])
-        return row is None or self.stop is None or row["success"] < self.stop
+        if row is None:
+            return True
+        self.logger.record("evaluation/success", row["success"])
+        self.logger.record("evaluation/steps", row["steps"]["mean"])
+        if self.keep is not None and self.evaluation.best == self.num_timesteps:
+            buffer = BytesIO()
+            self.model.save(buffer)
+            files.write_bytes(Path(self.keep), buffer.getvalue())
+        return self.stop is None or row["success"] < self.stop
