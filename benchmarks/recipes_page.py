@@ -27,11 +27,13 @@ learn [`Herd-v0` and `Drive-v0`](envs.md), and what each training came to. One n
 whole mission: it has no subgoals, no gate and no scale factor. So it herds only what it was trained
 for: three sheep, to this goal, in an arena of 4 m. The [glossary](glossary.md) explains the words.
 
-Made by `{command}` (`pip install 'skydog[sb3]'`) on {where}. Each training had one thread.
-**Minutes are those of the processor**, evaluations included. The machine was shared with other
-work, so the time on the clock was longer.
+Made by `{command}` (`pip install 'skydog[sb3]'`)
+on {where}.
 
-- The recipes were tuned with the seeds 0 and 1. The seeds below are others.
+- Each training had one thread. **Minutes are those of the processor**, compiling and evaluations
+  included. The machine was shared with other work: the time on the clock was longer, and on a quiet
+  machine the processor needs less too.
+- The recipes were tuned with the seed 0. The seeds below are others.
 - Every policy is evaluated on the way, in 200 episodes, and the best is kept. *First* is the first
   evaluation in which at least {target:.1%} of the missions succeeded.
 - The policy that was kept is judged in 1,000 episodes that were used for nothing else. Brackets
@@ -44,8 +46,7 @@ HERD = """
 Judged in the 1,000 random starts that ship (`--cases 1000 --starts random` of `skydog test`). The
 last two rows are shepherds of ours, in the same missions.
 
-{table}
-"""
+{table}"""
 
 DRIVE = """
 ## Drive-v0
@@ -54,7 +55,17 @@ The lesson *drive*, in arenas of 3 to 40 m. An episode has 50 steps and does not
 arrives, so what counts is the return. *Straight* is a rule, in the same episodes: a dog that flies
 straight to its subgoal.
 
+{table}"""
+
+PROGRAMS = """
+## The recipes
+
+What is not in the table is as Stable-Baselines3 has it.
+
 {table}
+The programs for `Herd-v0`; for `Drive-v0`, write `"drive"` and the steps of the table. To keep the
+best policy of several on the way, as was done here, give `learn` an
+[`EvaluationCallback`](envs.md#stable-baselines3).
 """
 
 
@@ -66,10 +77,8 @@ def page(recipes: Sequence[Any], folder: Path) -> str:
     )
     text = INTRODUCTION.format(command=COMMAND, where=where, target=TARGET)
     text += HERD.format(table=herd(recipes, folder)) + DRIVE.format(table=drive(recipes, folder))
-    text += "\n## The recipes\n\n" + numbers(recipes)
-    for recipe in recipes:
-        text += f"\n### {recipe.algorithm} on {recipe.task.capitalize()}-v0\n\n" + program(recipe)
-    return text
+    text += PROGRAMS.format(table=numbers(recipes))
+    return text + "".join("\n" + program(each) for each in recipes if each.task == "herd")
 
 
 def program(recipe: Any) -> str:
