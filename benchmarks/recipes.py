@@ -51,15 +51,16 @@ class Recipe:
             "",
             f'worlds = HerdingVecEnv({self.worlds}, "{self.task}", observation="full")',
         ]
-        numbers = {name: repr(value) for name, value in self.numbers.items()}
+        numbers = {name: json.dumps(value) for name, value in self.numbers.items()}
         if self.noise is not None:
             lines.insert(1, "from stable_baselines3.common.noise import NormalActionNoise")
             numbers["action_noise"] = f"NormalActionNoise([0.0, 0.0], {[self.noise] * 2})"
         numbers["seed"] = str(seed)
         policy = f'{{"net_arch": {list(self.net)}, "features_extractor_class": Metres}}'
-        lines += [f"policy = {policy}", f'model = {self.algorithm}("MlpPolicy", worlds,']
-        lines += [f"    {name}={value}," for name, value in numbers.items()]
-        return "\n".join([*lines, "    policy_kwargs=policy)"])
+        lines += [f"policy = {policy}", f"model = {self.algorithm}("]
+        given = ['"MlpPolicy"', "worlds", *(f"{name}={value}" for name, value in numbers.items())]
+        lines += [f"    {each}," for each in (*given, "policy_kwargs=policy")]
+        return "\n".join([*lines, ")"])
 
 
 PPO = {"learning_rate": 3e-4, "n_steps": 256, "batch_size": 512, "gamma": 0.99}

@@ -29,8 +29,10 @@ except ModuleNotFoundError:
 
 
 class HerdingVecEnv(VecEnv):
-    """`num_envs` worlds for Stable-Baselines3: a `HerdingVectorEnv`, with the same options.
+    """`HerdingVecEnv(num_envs, task, **options)`: worlds for Stable-Baselines3.
 
+    It is a `HerdingVectorEnv`, with the same options; a mission has 1000 steps if
+    `max_episode_steps` is not given.
     A world whose episode has ended is reset in the same step. Its `infos` then have what
     Stable-Baselines3 looks for: `terminal_observation`, `TimeLimit.truncated` and `is_success`;
     beside them, and in every other step, what `skydog.envs.tasks.info` lists. Put
@@ -38,7 +40,7 @@ class HerdingVecEnv(VecEnv):
     """
 
     def __init__(self, num_envs: int = 1, task: str = "herd", **options: Any):
-        """`max_episode_steps` is 1000 for a mission if it is not given. Raises `Refusal`."""
+        """Raises `Refusal` for bad values."""
         for name in ("autoreset_mode", "render_mode"):
             if name in options:
                 raise Refusal(f"Stable-Baselines3's VecEnv has no {name}; leave it out")
@@ -124,8 +126,9 @@ class Metres(BaseFeaturesExtractor):
 
 
 class EvaluationCallback(BaseCallback):
-    """Flies the missions of a `skydog.study.progress.Evaluation` while a model learns.
+    """`EvaluationCallback(evaluation, observation, stop=None, keep=None)`: missions on the way.
 
+    It flies those of a `skydog.study.progress.Evaluation` while a model learns.
     `observation` is that of the model's environment, and the evaluation's world is to have the same
     flock. With `stop` the training ends as soon as that share of the missions succeeds. With `keep`
     the best model so far is saved there, a zip.
