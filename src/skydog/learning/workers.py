@@ -9,7 +9,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -177,6 +177,9 @@ def trained(job: Job, callback: Callable[[Any], bool], patience: float) -> Messa
 def _train(job: Job, callback: Callable[[Any], bool]) -> bool:
     from skydog.learning import train
 
+    def told(progress: train.Progress) -> bool:
+        return callback(replace(progress, skill=None))  # it stays in the process that learns it
+
     curriculum = job.curriculum
     training, history = train.train(
         curriculum.lesson(job.skill),
@@ -186,7 +189,7 @@ def _train(job: Job, callback: Callable[[Any], bool]) -> bool:
         job.folder,
         job.card,
         job.resume,
-        callback,
+        told,
         curriculum.episodes,
     )
     return train.finished(training, history, curriculum.steps, curriculum.episodes)
