@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 
 import skydog.envs as skydog_envs
 from loaded import EXAMPLES, example
-from skydog import cli
+from skydog import cli, references
 from skydog.learning import workers
 from skydog.learning.curriculum import Curriculum
 from skydog.shepherds import store
@@ -18,7 +18,7 @@ from skydog.shepherds.strombom import Strombom
 from skydog.study import metrics
 from skydog.view import live
 from skydog.view import session as sessions
-from skydog.world import loading, presets, trace
+from skydog.world import presets, trace
 
 LAW = EXAMPLES / "own_law.py"
 
@@ -37,7 +37,7 @@ def skydog(monkeypatch, capsys, tmp_path):
         return out.out
 
     yield run
-    loading._run.cache_clear()
+    references.run.cache_clear()
 
 
 def test_a_law_of_ones_own_is_under_40_lines_and_a_shepherd_herds_its_sheep(capsys):

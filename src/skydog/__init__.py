@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skydog.errors import Refusal as Refusal
+    from skydog.shepherds.foreign import from_policy as from_policy
+    from skydog.shepherds.named import load as load
     from skydog.shepherds.sheepdog import Sheepdog as Sheepdog
-    from skydog.shepherds.store import load as load
     from skydog.shepherds.strombom import Strombom as Strombom
+    from skydog.study.compare import compare as compare
     from skydog.world.laws import Flock as Flock
     from skydog.world.mission import Decision as Decision
     from skydog.world.mission import Fly as Fly
@@ -37,7 +39,9 @@ __version__ = "0.1.0"
 _HOMES = {
     "Refusal": "skydog.errors",
     "Sheepdog": "skydog.shepherds.sheepdog",
-    "load": "skydog.shepherds.store",
+    "from_policy": "skydog.shepherds.foreign",
+    "load": "skydog.shepherds.named",
+    "compare": "skydog.study.compare",
     "Strombom": "skydog.shepherds.strombom",
     "Flock": "skydog.world.laws",
     "Decision": "skydog.world.mission",

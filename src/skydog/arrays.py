@@ -65,6 +65,15 @@ def load_some(path: Path, kind: str, *names: str) -> tuple[dict[str, np.ndarray]
     return arrays, card
 
 
+def kind_of(path: Path) -> str | None:
+    """What the card of a file says that it is; None for a file that has no card."""
+    try:
+        with safe_open(path, framework="numpy") as file:
+            return str(json.loads(file.metadata()[CARD])["kind"])
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
 def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no JSON")
 

@@ -15,6 +15,7 @@ from tyro.conf import OmitArgPrefixes
 
 from skydog import __version__
 from skydog.commands import interrupts, streams
+from skydog.commands.compare import compare
 from skydog.commands.export import export
 from skydog.commands.fit import fit
 from skydog.commands.flags import Misused
@@ -29,7 +30,7 @@ from skydog.commands.twin import twin
 from skydog.commands.watch import watch
 from skydog.errors import Refusal
 
-COMMANDS = (herd, train, test, twin, lab, reproduce, replay, watch, fit, export, presets)
+COMMANDS = (herd, train, test, compare, twin, lab, reproduce, replay, watch, fit, export, presets)
 REFUSED = 2
 UNWRITTEN = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EFBIG)
 CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
@@ -80,6 +81,13 @@ def _command(arguments: list[str]) -> int:
         near = difflib.get_close_matches(arguments[0], names, 1)
         hint = f"did you mean skydog {near[0]}?" if near else f"choose from {', '.join(names)}"
         raise Refusal(f"no command is called {arguments[0]!r:.60}; {hint}")
+    if arguments[:1] in (["test"], ["twin"]) and len(arguments) > 2:
+        command, *names = arguments[:3]
+        if not any(name.startswith("-") for name in names):
+            raise Refusal(
+                f"skydog {command} flies one shepherd, got {' and '.join(names)}; "
+                f"to compare them: skydog compare {' '.join(names)}"
+            )
     app = tyro.extras.SubcommandApp()
     for command in COMMANDS:
         app.command(command)

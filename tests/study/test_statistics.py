@@ -6,7 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from skydog.study.statistics import fisher, mcnemar, paired, share, student, summary, welch
+from skydog.study.statistics import (
+    fisher,
+    mcnemar,
+    paired,
+    paired_share,
+    share,
+    student,
+    summary,
+    welch,
+)
 
 
 def test_the_mean_and_the_sample_deviation_of_a_known_sample():
@@ -104,6 +113,20 @@ def test_of_the_same_cases_those_count_that_only_one_accomplishes(gained, lost, 
     ours = np.concatenate([both, np.ones(gained, bool), np.zeros(lost, bool)])
     theirs = np.concatenate([both, np.zeros(gained, bool), np.ones(lost, bool)])
     assert mcnemar(ours, theirs) == (sign, pytest.approx(p))
+
+
+def test_a_difference_of_shares_of_the_same_cases_has_the_interval_of_bonett_and_price():
+    # Of 100 cases 20 are gained and 10 are lost: (21 - 11)/102 ± 1.96 √((32/102 - (10/102)²)/102).
+    ours = np.concatenate([np.ones(70, bool), np.zeros(30, bool)])
+    theirs = np.concatenate(
+        [np.ones(50, bool), np.zeros(20, bool), np.ones(10, bool), np.zeros(20, bool)]
+    )
+    found = paired_share(ours, theirs)
+    around = 1.959964 * np.sqrt((32 / 102 - (10 / 102) ** 2) / 102)
+    assert found["mean"] == pytest.approx(0.1)
+    assert found["ci95"] == pytest.approx([10 / 102 - around, 10 / 102 + around])
+    same = paired_share(np.ones(30, bool), np.ones(30, bool))
+    assert same["ci95"] == pytest.approx([-0.0866, 0.0866], abs=1e-3)
 
 
 @pytest.mark.parametrize(("expected", "sign"), [(0.0, 1), (2.4, 0), (9.0, -1)])

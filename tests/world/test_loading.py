@@ -2,6 +2,7 @@ import sys
 
 import pytest
 
+from skydog import references
 from skydog.errors import Refusal
 from skydog.world import loading, presets
 from skydog.world.params import World
@@ -54,7 +55,7 @@ def file(tmp_path):
     path = tmp_path / "flocks.py"
     path.write_text(FILE)
     yield path
-    loading._run.cache_clear()
+    references.run.cache_clear()
     sys.modules.pop("beside_it", None)
     sys.path[:] = [entry for entry in sys.path if entry != str(tmp_path)]
 

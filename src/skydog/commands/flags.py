@@ -66,6 +66,12 @@ def _shepherd(word: str) -> str:
     return word
 
 
+def _sheepdog(word: str) -> str:
+    if word not in finding.RULES:
+        finding.find(Path(word.removeprefix(finding.TEAM)))
+    return word
+
+
 def _there(word: str) -> Path:
     if not files.exists(_path(word)):
         raise Refusal(f"cannot read {word}: there is no such file; check the path")
@@ -88,6 +94,22 @@ def _one_word(read: Callable[[str], Any], metavar: str) -> PrimitiveConstructorS
     )
 
 
+def _words(read: Callable[[str], Any], metavar: str) -> PrimitiveConstructorSpec[Any]:
+    def from_words(words: list[str]) -> Any:
+        try:
+            return tuple(map(read, words))
+        except Refusal as refusal:
+            raise Misused(str(refusal)) from None
+
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar=f"{metavar} ...",
+        instance_from_str=from_words,
+        is_instance=lambda value: True,
+        str_from_instance=list,
+    )
+
+
 Out = Annotated[Path, _one_word(_path, "FOLDER")]
 MaybeOut = Annotated[Path | None, _one_word(_path, "FOLDER")]
 File = Annotated[Path, _one_word(_path, "FILE"), arg(aliases=["-o"])]
@@ -97,8 +119,9 @@ Preset = Annotated[str, _one_word(_preset, "NAME")]
 MaybePreset = Annotated[str | None, _one_word(_preset, "NAME")]
 MaybeScene = Annotated[str | None, _one_word(_scene, "NAME|FILE")]
 MaybeMix = Annotated[dict[str, float] | None, _one_word(_mix, "KIND=SHARE,...")]
-Shepherd = Annotated[str, _one_word(_shepherd, "SHEEPDOG|strombom")]
-Sheepdog = Annotated[str, _one_word(_shepherd, "SHEEPDOG")]
+Shepherd = Annotated[str, _one_word(_shepherd, "SHEPHERD")]
+Shepherds = Annotated[tuple[str, ...], _words(_shepherd, "SHEPHERD")]
+Sheepdog = Annotated[str, _one_word(_sheepdog, "SHEEPDOG")]
 Trace = Annotated[Path, _one_word(_there, "TRACE")]
 Tracks = Annotated[Path, _one_word(_there, "TRACKS.csv|.dat|.mat")]
 Arena = Annotated[float, number(quantities.ARENA, "METRES")]

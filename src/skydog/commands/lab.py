@@ -16,7 +16,7 @@ from skydog.commands.flags import (
     Json,
     MaybeOut,
     Seed,
-    Shepherd,
+    Sheepdog,
     Speed,
     Wait,
 )
@@ -45,7 +45,7 @@ def lab(
     faults: Annotated[str | None, arg(metavar="NAME")] = None,
     transport: Literal["ros1", "dds"] | None = None,
     adapter: Adapter | None = None,
-    sheepdog: Shepherd = "h-ddpg-6x6",
+    sheepdog: Sheepdog = "h-ddpg-6x6",
     disturb: Annotated[str, arg(metavar="NAME")] = "lab",
     speed: Speed = 1.0,
     wait: Wait = None,

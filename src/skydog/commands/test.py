@@ -25,9 +25,6 @@ from skydog.commands.flags import (
     Preset,
     Seed,
     Steps,
-    one_world,
-    own_sheep,
-    world_of,
 )
 from skydog.errors import Refusal
 from skydog.shepherds.options import AtPoint
@@ -71,8 +68,10 @@ def test(
     Example: skydog test runs/herd --arena 6 --goal 6,6 --cases 1000 --starts random
 
     Args:
-        shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi, arc, team,
-            rearmost, lama or ring.
+        shepherd: A sheepdog's file, run folder or name; a rule: strombom, elfiqi, arc, team,
+            rearmost, lama or ring; your own code, FILE.py:NAME or package.module:NAME; FILE.onnx
+            of skydog export; or a zip of Stable-Baselines3, such as ppo:FILE.zip. Code and zips
+            are run: name only what you trust. See docs/compare.md.
         preset: The world of the missions; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
@@ -101,25 +100,29 @@ def test(
         every: With --out, record the sheep at every n-th step; 10 makes files ten times smaller.
         as_json: Print the results as JSON instead of a table.
     """
-    from skydog.commands import console
-    from skydog.shepherds import rules, scope, store
+    from skydog.commands import console, missions
+    from skydog.shepherds import named, scope, store
     from skydog.shepherds.strombom import Strombom
     from skydog.study import cases as draws
     from skydog.study import evaluate
-    from skydog.world import loading, presets
 
-    one_world(preset, world)
-    sheep = own_sheep(world, sheep)
-    where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness, scene, mix)
-    steps = steps or (1000 if scene is None else 5000)
-    starts = starts or ("paper" if scene is None else "random")
-    as_paper = (preset, world, scene, starts, dogs) == ("paper", None, None, "paper", 1)
-    as_paper = as_paper and not mix
-    as_paper = as_paper and presets.has_own_goal(where, preset, sheep) and not nearness
-    if as_paper:
-        where = presets.furthest_first(where)
+    flown = missions.asked(
+        preset,
+        world,
+        scene,
+        arena,
+        goal,
+        goal_radius,
+        sheep,
+        dogs,
+        mix,
+        nearness,
+        starts,
+        steps,
+    )
+    where, sheep = flown.world, flown.sheep
     rule = shepherd == "strombom"
-    steers, card = (Strombom(at_point=at_point), {}) if rule else rules.read(shepherd)
+    steers, card = (Strombom(at_point=at_point), {}) if rule else named.read(shepherd)
     if card.get("own_world") and world is None:
         console.say(
             f"{shepherd} was trained in a world of your own; here it flies in {preset}. "
@@ -127,18 +130,14 @@ def test(
         )
     console.say_beyond(shepherd, scope.beyond(card, where, sheep))
     name = evaluate.scenario(steers, where, store.called(shepherd, card), sheep, dogs)
-    if world is not None or preset != "paper":
-        name += f"-{preset if world is None else loading.title(world)}"
-    if scene is not None:
-        name += f"-{Path(scene).stem}"
-    if mix:
-        name += "".join(f"-{share:g}-{kind}" for kind, share in mix.items())
-    drawn = draws.cases(where, cases, starts, seed, sheep, dogs)
+    name = missions.title(name, preset, world, scene, mix)
+    drawn = draws.cases(where, cases, flown.starts, seed, sheep, dogs)
     key = evaluate.noise_key(where, seed)
+    named.trial(shepherd, steers, where, drawn)
     # The metrics need the sheep at the start and at the end alone; a trace's file shows more.
     fly = partial(evaluate.fly, every=None if out is None else every)
-    results = run(name, steers, where, drawn, steps, key, out, fly)
-    console.show(results, as_json, as_paper)
+    results = run(name, steers, where, drawn, flown.steps, key, out, fly)
+    console.show(results, as_json, flown.as_paper)
     return 0
 
 

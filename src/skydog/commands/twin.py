@@ -68,8 +68,10 @@ def twin(
     Example: skydog twin h-ddpg-6x6 --profile ardrone2 --disturb lab --speed 0.17 --video flight.mp4
 
     Args:
-        shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi, arc, team,
-            rearmost, lama or ring.
+        shepherd: A sheepdog's file, run folder or name; a rule: strombom, elfiqi, arc, team,
+            rearmost, lama or ring; your own code, FILE.py:NAME or package.module:NAME; FILE.onnx
+            of skydog export; or a zip of Stable-Baselines3, such as ppo:FILE.zip. Code and zips
+            are run: name only what you trust. See docs/compare.md.
         preset: The world of the missions, paper-physical if not given; see skydog presets.
         world: Your own world instead: the name of a world, or of a function of arena and sheep,
             in a Python file, which is run. See docs/own.md.
@@ -104,7 +106,7 @@ def twin(
     from skydog.commands import console
     from skydog.commands.test import run
     from skydog.flight import profiles
-    from skydog.shepherds import rules, scope, store
+    from skydog.shepherds import named, scope, store
     from skydog.shepherds.strombom import Strombom
     from skydog.study import evaluate, report
     from skydog.twin import Twin
@@ -122,7 +124,7 @@ def twin(
     if video is not None:
         files.folder(video.parent)  # what cannot be written is refused before anything is flown
     rule = shepherd == "strombom"
-    steers, card = (Strombom(at_point=at_point), {}) if rule else rules.read(shepherd)
+    steers, card = (Strombom(at_point=at_point), {}) if rule else named.read(shepherd)
     console.say_beyond(shepherd, scope.beyond(card, where, sheep))
     uav, rover = profiles.uav(profile), profiles.rover(rovers)
     Twin(profile, rovers, disturb, wait, steering, threads=threads).check()

@@ -43,8 +43,10 @@ def watch(
     Example: skydog watch h-ddpg-4x4 --sheep 12 --open-browser
 
     Args:
-        shepherd: A sheepdog's file, run folder or name, or a rule: strombom, elfiqi, arc, team,
-            rearmost, lama or ring.
+        shepherd: A sheepdog's file, run folder or name; a rule: strombom, elfiqi, arc, team,
+            rearmost, lama or ring; your own code, FILE.py:NAME or package.module:NAME; FILE.onnx
+            of skydog export; or a zip of Stable-Baselines3, such as ppo:FILE.zip. Code and zips
+            are run: name only what you trust. See docs/compare.md.
         preset: The world that pages begin with; see skydog presets.
         world: Your own world to begin with: the name of a world, or of a function of arena and
             sheep, in a Python file, which is run. See docs/own.md.

@@ -14,7 +14,8 @@ from skydog.errors import Refusal, short
 from skydog.learning import lessons
 from skydog.learning.lessons import Lesson, Outcome
 from skydog.learning.options import Reward
-from skydog.shepherds import sheepdog
+from skydog.shepherds import observing
+from skydog.shepherds.options import ObservationKind as ObservationKind
 from skydog.study import cases
 from skydog.study.options import Starts
 from skydog.world import herding, memory, mission, obstacles, params, serialise
@@ -27,9 +28,6 @@ from skydog.world.vectors import Scalar, norm
 
 TaskName = Literal["herd", "collect", "drive"]
 """The whole mission, or one of the two lessons."""
-
-ObservationKind = Literal["compact", "full"]
-"""What a dog sees: the paper's four numbers, or where everybody is, seen from it."""
 
 MAX_SHEEP, MAX_DOGS = 10_000, 1_000
 NEVER = 2**31 - 1  # the step at which an episode without a limit ends
@@ -83,7 +81,7 @@ class HerdTask(eqx.Module):
     def step(self, episode: Mission, action: Float[Array, "dogs 2"]) -> tuple[Mission, Outcome]:
         """Fly one step; `action` is each dog's velocity, in shares of the speed limit."""
         moving = self._keys(episode)[0] if self.noisy else None
-        velocity = mission.limited(self.world.dog, self.world.dog.speed * action)
+        velocity = observing.velocity(self.world, action)
         after = mission.step(self.world, episode.state, velocity, moving)
         success = mission.accomplished(self.world, after)
         reward = self._remaining(episode.state) - self._remaining(after) - STEP_COST
@@ -295,36 +293,24 @@ def step(task: Task, env: EnvState, action: Float[Array, "dogs 2"]) -> tuple[Env
 
 
 def observe(task: Task, env: EnvState, how: ObservationKind) -> Float[Array, "dogs seen"]:
-    """What each dog sees, in metres (times ξ in a lesson), within `observation_bound`.
+    """What each dog sees (`skydog.shepherds.observing.observe`), within `observation_bound`.
 
-    `compact`: `skydog.shepherds.sheepdog.OBSERVES`. `full`: from the dog to each sheep, to the
-    goal, and to each other dog, from the one after it round to the one before; x and y in turn.
+    In metres, and in a lesson times ξ.
     """
     state, subgoal, scale = task.perceived(env.episode)
-    if how == "compact":
-        seen = sheepdog.observe(state.sheep, state.dogs, subgoal)
-    else:
-        count = len(state.dogs)
-        world = task.scene(env.episode)[0]
-        goal = jnp.broadcast_to(herding.goal(world.arena), (count, 1, 2))
-        sheep = jnp.broadcast_to(state.sheep, (count, *state.sheep.shape))
-        after = jnp.arange(count)[:, None] + jnp.arange(1, count)
-        others = state.dogs[after % count]
-        everybody = jnp.concatenate([sheep, goal, others], axis=1)
-        seen = (everybody - state.dogs[:, None]).reshape(count, -1)
+    seen = observing.observe(task.scene(env.episode)[0], state, subgoal, how)
     return jnp.clip(scale * seen, -observation_bound(task), observation_bound(task))
 
 
 def observation_bound(task: Task) -> Scalar:
     """The furthest, in metres on an axis, that anything can be from a dog, as the dog sees it."""
     widest = max(1.0, task.lesson.scales[1]) if isinstance(task, LessonTask) else 1.0
-    arena, dog = task.world.arena, task.world.dog
-    return jnp.max(jnp.asarray(arena.sides)) + 2.0 * widest * dog.airspace
+    return observing.bound(task.world, widest)
 
 
 def observation_size(task: Task, how: ObservationKind) -> int:
     """How many numbers a dog sees."""
-    return 4 if how == "compact" else 2 * (task.sheep + task.dogs)
+    return observing.size(how, task.sheep, task.dogs)
 
 
 def info(task: Task, env: EnvState) -> dict[str, Array]:

@@ -7,3 +7,6 @@ AtPoint = Literal["constant", "arrive"]
 
 Frame = Literal["folded", "paper"]
 """The axes that a learnt dog sees and flies along: see `skydog.shepherds.frame`."""
+
+ObservationKind = Literal["compact", "full"]
+"""What a dog sees: the paper's four numbers, or where everybody is, seen from it."""

@@ -1,5 +1,6 @@
 """A trained sheepdog as a file: weights in safetensors, and a card that says what they are."""
 
+import hashlib
 import re
 from pathlib import Path
 from typing import Any, get_args
@@ -10,31 +11,45 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from skydog import files, numerics
-from skydog.arrays import load_arrays, save_arrays
+from skydog import files, numerics, references
+from skydog.arrays import kind_of, load_arrays, save_arrays
 from skydog.errors import Refusal
 from skydog.shepherds.finding import FILE as FILE
 from skydog.shepherds.finding import ZOO as ZOO
 from skydog.shepherds.finding import find as find
+from skydog.shepherds.finding import kind
 from skydog.shepherds.finding import ships as ships
+from skydog.shepherds.foreign import Policy
 from skydog.shepherds.navigate import SEES
 from skydog.shepherds.networks import Actor, GreedyQ
 from skydog.shepherds.options import Frame
 from skydog.shepherds.sheepdog import COMMANDS, OBSERVES, Sheepdog
 
-KIND = "sheepdog"
+KIND, POLICY = "sheepdog", "policy"
 POLICIES = {"actor": Actor, "chooser": GreedyQ}  # what a card calls the kinds of skills
 LARGEST = 1 << 26  # bytes
 LONGEST_NAME = 60  # characters
 DEEPEST, WIDEST = 16, 4096  # layers, nodes a layer
 
 
-def save(path: Path, sheepdog: Sheepdog, card: dict[str, Any]) -> None:
+def save(path: Path, sheepdog: Sheepdog | Policy, card: dict[str, Any]) -> None:
     """Write a sheepdog and its card, and the card once more as Markdown for people.
 
     `card` tells where it comes from: preset, lesson, seed, versions, measured results. What
     the sheepdog observes and commands, its arena and its frame are added here.
+
+    Of a policy (`skydog.from_policy`) the card is all: it names its code, or its zip and what that
+    holds (SHA-256). Raises `Refusal` for a policy that has no name, and for another shepherd.
     """
+    if isinstance(sheepdog, Policy):
+        card = _named(Path(path), sheepdog) | files.plain(card)
+        save_arrays(path, {}, card)
+        files.write_text(path.with_suffix(".md"), readable(card))
+        return
+    if not isinstance(sheepdog, Sheepdog):
+        raise Refusal(
+            f"a {type(sheepdog).__name__} has no file; name it as a rule, or as FILE.py:NAME"
+        )
     card = {
         "kind": KIND,
         "observes": list(OBSERVES),
@@ -71,6 +86,8 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
     observes or commands something else than this version of skydog gives.
     """
     path = find(Path(path))
+    if kind_of(path) == POLICY:
+        raise Refusal(f"{path} is a policy, whose code is run; if you trust it, say policy:{path}")
     arrays, card = load_arrays(path, KIND, LARGEST)
     expected = {"observes": OBSERVES, "commands": COMMANDS}
     if card.get("navigates") is not None:
@@ -107,6 +124,11 @@ def read(path: str | Path) -> tuple[Sheepdog, dict[str, Any]]:
     return Sheepdog(collect, drive, float(arena), frame, navigate), card
 
 
+def policy_card(path: Path) -> dict[str, Any]:
+    """The card of a policy that `save` wrote. Raises `Refusal` for another file."""
+    return load_arrays(path, POLICY, LARGEST)[1]
+
+
 def called(path: str | Path, card: dict[str, Any]) -> str | None:
     """What a sheepdog is called in tables: as its card says, or else as its file; None for a rule.
 
@@ -125,7 +147,9 @@ def readable(card: dict[str, Any]) -> str:
     """A card as Markdown: the plain facts first, then a section for each list and group."""
     facts = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
     fly = "Fly it: `skydog test` and its name, if it ships, else the path of its folder."
-    lines = ["# A sheepdog", "", fly, ""]
+    if card.get("kind") == POLICY:
+        fly = "Fly it: `skydog test policy:` and the path of its folder; what it names is run."
+    lines = [f"# A {card.get('kind', KIND)}", "", fly, ""]
     lines += [f"- {name}: {_short(value)}" for name, value in facts.items()]
     for name, value in card.items():
         if isinstance(value, list):
@@ -135,6 +159,30 @@ def readable(card: dict[str, Any]) -> str:
             lines += ["", f"## {name}", ""]
             lines += [f"- {inner}: {_short(item)}" for inner, item in value.items()]
     return "\n".join([*lines, ""])
+
+
+def _named(path: Path, policy: Policy) -> dict[str, Any]:
+    """The card of a policy: what is loaded again, and how it observes. Raises `Refusal`."""
+    code = policy.predict.reference
+    if code is None:
+        raise Refusal(
+            f"{policy.predict.called} lives in this program alone; save the model and name it, as "
+            'in skydog.from_policy("ppo:model.zip") or skydog.from_policy("my_dog.py:predict")'
+        )
+    card: dict[str, Any] = {"kind": POLICY, "observation": policy.observation}
+    card["divide_by"] = float(policy.divide_by)
+    if kind(code) == "zip":
+        algorithm, _, zipped = code.partition(":")
+        content = files.read_bytes(Path(zipped), "model")
+        card["sha256"] = hashlib.sha256(content).hexdigest()
+        # Beside the card, if it is there: so that a folder can be moved.
+        zipped, folder = Path(zipped).resolve(), path.resolve().parent
+        code = (
+            f"{algorithm}:{zipped.relative_to(folder) if zipped.is_relative_to(folder) else zipped}"
+        )
+    elif (in_file := references.split(code)) is not None:
+        code = f"{in_file[0].resolve()}:{in_file[1]}"
+    return card | {"code": code}
 
 
 def _skill(

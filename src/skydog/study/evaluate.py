@@ -14,6 +14,8 @@ from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 from skydog import numerics, quantities
 from skydog.errors import Refusal
 from skydog.numerics import fits, single
+from skydog.shepherds.foreign import Policy
+from skydog.shepherds.onnx_dog import OnnxDog
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.shepherds.strombom import Strombom
 from skydog.shepherds.team import Team
@@ -25,6 +27,7 @@ from skydog.world.state import State
 from skydog.world.trace import Trace
 
 CHUNK = 100  # instants between looks at whether all missions are accomplished, at most
+FOREIGN_CHUNK = 10  # the same, of a shepherd that is not compiled
 CHUNK_NUMBERS = 1 << 24  # coordinates of sheep in a chunk, at most: 64 MB
 MEASURES = (
     metrics.steps,
@@ -78,11 +81,11 @@ def scenario(
     """The name of a row of figures: the paper's where it is the paper's scenario.
 
     H-DDPG-4x4 has learnt in 4 m and flies there, H-DDPG-4x4to6x6 flies in 6 m. `called` is what
-    the sheepdog's card calls it; one that was trained in another way keeps a name of its own.
+    the shepherd's card calls it; one that was trained in another way keeps a name of its own.
     Another flock than the paper's 3 sheep and 1 dog is in the name too.
     """
     flown = "{:g}x{:g}".format(*world.arena.plain_sides)
-    name = f"{type(shepherd).__name__}-{flown}"
+    name = f"{called or type(shepherd).__name__}-{flown}"
     if isinstance(shepherd, Strombom):
         name = f"Strombom{'-arrive' if shepherd.at_point == 'arrive' else ''}-{flown}"
     elif isinstance(shepherd, Sheepdog):
@@ -192,8 +195,10 @@ def _fly(
 ) -> Trace:
     """`mission.rollout` of every start, no further than the last that is accomplished."""
     cases, sheep, _ = starts.sheep.shape
-    # Of the largest flocks fewer instants at a time: a chunk holds its sheep at each of them.
-    chunk = max(1, min(CHUNK, CHUNK_NUMBERS // (2 * cases * sheep)))
+    # Of the largest flocks fewer instants at a time: a chunk holds its sheep at each of them. A
+    # policy that is not compiled costs more than a look.
+    most = FOREIGN_CHUNK if isinstance(shepherd, Policy | OnnxDog) else CHUNK
+    chunk = max(1, min(most, CHUNK_NUMBERS // (2 * cases * sheep)))
 
     def on(
         state: State, done: Bool[Array, ""], key: PRNGKeyArray | None, now: Int[Array, " instants"]

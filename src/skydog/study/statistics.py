@@ -41,6 +41,22 @@ def paired(
     return summary(ours - theirs)
 
 
+def paired_share(
+    ours: Bool[np.ndarray, " cases"], theirs: Bool[np.ndarray, " cases"]
+) -> dict[str, Any]:
+    """The difference of two shares of the same cases, ours less theirs, and its 95 % interval.
+
+    The interval is the adjusted Wald interval of Bonett and Price (2012, Journal of Educational and
+    Behavioral Statistics 37, 479-488), which 30 of 30 and 30 of 30 has too. `p` is McNemar's.
+    """
+    count, gained, lost = len(ours), int(np.sum(ours & ~theirs)), int(np.sum(theirs & ~ours))
+    more, less = (gained + 1) / (count + 2), (lost + 1) / (count + 2)
+    around = stats.norm.ppf(0.975) * np.sqrt((more + less - (more - less) ** 2) / (count + 2))
+    middle = more - less
+    interval = [max(float(middle - around), -1.0), min(float(middle + around), 1.0)]
+    return {"mean": (gained - lost) / count, "ci95": interval, "p": mcnemar(ours, theirs).p}
+
+
 class Outcome(NamedTuple):
     """What a two-sided test says of a difference: its sign if it is significant, else 0."""
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from skydog.errors import Refusal
-from skydog.shepherds import rules, store
+from skydog.shepherds import finding, named, rules, store
 from skydog.shepherds.sheepdog import Sheepdog
 from skydog.view import session as sessions
 from skydog.view.connection import Cards, Pages
@@ -26,13 +26,14 @@ def policies(chosen: str) -> dict[str, Shepherd]:
     `store.load` does.
     """
     ruled = {name: rule() for name, rule in rules.RULES.items()}
-    first = {chosen: rules.read(chosen)[0]}
+    first = {chosen: named.read(chosen)[0]}
     return first | ruled | {name: store.load(name) for name in store.ships()} | first
 
 
 def cards(shepherds: Mapping[str, Shepherd]) -> dict[str, dict[str, Any]]:
     """The cards of the sheepdogs among `policies`, by name."""
     learnt = [name for name, steers in shepherds.items() if isinstance(steers, Sheepdog)]
+    learnt = [name for name in learnt if finding.kind(name) == "sheepdog"]
     return {name: store.read(name)[1] for name in learnt}
 
 

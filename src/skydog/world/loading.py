@@ -3,19 +3,15 @@
 import hashlib
 import inspect
 import json
-import sys
-import traceback
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, wraps
-from importlib.util import module_from_spec, spec_from_file_location
+from functools import wraps
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from skydog import files, quantities
+from skydog import files, quantities, references
 from skydog.errors import Refusal
 from skydog.world import serialise
 from skydog.world.laws.terms import Weighted
@@ -35,7 +31,7 @@ def maker(reference: str) -> Callable[..., World]:
     if reference.endswith(".json"):
         return _sized(*_read(Path(reference)), reference)
     file, name = _split(reference)
-    module = _run(file.resolve())
+    module = references.run(file.resolve())
     found = getattr(module, name, None)
     if isinstance(found, World):
         return _sized(found, _count(found), f"{name} of {file.name}")
@@ -63,7 +59,7 @@ def maker(reference: str) -> Callable[..., World]:
         except Refusal:
             raise
         except Exception as problem:
-            raise _failed(f"{name} in {file}", file, problem) from problem
+            raise references.failed(f"{name} in {file}", file, problem) from problem
         if not isinstance(world, World):
             raise Refusal(f"{name} in {file} returned {world!r:.60}, which is no skydog.World")
         return world
@@ -131,45 +127,13 @@ def digest(reference: str) -> str:
 
 
 def _split(reference: str) -> tuple[Path, str]:
-    path, colon, name = reference.rpartition(":")
-    file = Path(path)
-    if not colon or file.suffix != ".py" or not name.isidentifier():
+    named = references.split(reference)
+    if named is None:
         raise Refusal(
             f"a world of your own is named FILE.py:NAME or FILE.json, got {reference!r:.100}; "
             "try --world my_flock.py:world"
         )
-    if not files.exists(file):
-        raise Refusal(f"there is no file {file}; check the path")
-    return file, name
-
-
-@cache
-def _run(file: Path) -> ModuleType:
-    # Once a process: two runs would define two classes of each law, which jax tells apart.
-    name = f"skydog_world_{file.stem}"  # which no file beside it has
-    spec = spec_from_file_location(name, file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    sys.modules[name] = module
-    if str(file.parent) not in sys.path:
-        sys.path.append(str(file.parent))  # files beside it can be imported, after all libraries
-    try:
-        spec.loader.exec_module(module)
-    except (Exception, SystemExit) as problem:
-        del sys.modules[name]
-        if isinstance(problem, Refusal):
-            raise
-        raise _failed(str(file), file, problem) from problem
-    return module
-
-
-def _failed(what: str, file: Path, problem: BaseException) -> Refusal:
-    frames = traceback.extract_tb(problem.__traceback__)
-    lines = [frame.lineno for frame in frames if Path(frame.filename) == file.resolve()]
-    at = f" in line {lines[-1]}" if lines else ""
-    said = str(problem).strip().split("\n")[0]
-    return Refusal(f"{what} failed{at}: {type(problem).__name__}: {said:.200}")
+    return named
 
 
 def _count(world: World) -> int:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from skydog import numerics, quantities
 from skydog.errors import Refusal
-from skydog.world import herding, memory, obstacles, params
+from skydog.world import asking, herding, memory, obstacles, params
 from skydog.world.params import Dog, World
 from skydog.world.state import State, start
 from skydog.world.trace import ACCOMPLISHED, OUT_OF_TIME, Ending, Trace
@@ -209,7 +209,7 @@ def decide(
     The kinematic world moves everyone as decided (`move`); bodies with physics try to.
     """
     state = memory.begin(world, state)
-    velocity = shepherd(world, perceive(world, state) if seen is None else seen)
+    velocity = asking.velocity(shepherd, world, perceive(world, state) if seen is None else seen)
     if jnp.shape(velocity) != state.dogs.shape:
         raise Refusal(
             f"the shepherd gave velocities of the shape {jnp.shape(velocity)}, not one x and y "
