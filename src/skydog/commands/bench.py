@@ -65,6 +65,7 @@ def _fly(name: str, tasks: list[str], trained: str | None, out: Path) -> None:
     from skydog.shepherds import named
     from skydog.study import bench as benchmark
     from skydog.study import board
+    from skydog.twin import Twin
 
     shepherd, card = named.read(name)
     file = board.path(out, name)
@@ -72,7 +73,7 @@ def _fly(name: str, tasks: list[str], trained: str | None, out: Path) -> None:
     row = board.read(file) if files.exists(file) else board.blank(name, command, _cost(card))
     row["trained"] = trained or row["trained"]
     for task in console.track(name, [each for each in tasks if each not in row["tasks"]]):
-        row["tasks"][task] = benchmark.fly(shepherd, task)
+        row["tasks"][task] = benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=0))
         board.save(out, row)
 
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +18,7 @@ from skydog.errors import Refusal, short
 from skydog.study import cases as draws
 from skydog.study import evaluate, herds, mixed, patterns, robustness
 from skydog.study.options import Results
-from skydog.world.mission import Shepherd
+from skydog.world.mission import Fly, Shepherd
 from skydog.world.params import World
 from skydog.world.presets import preset
 from skydog.world.state import State, start
@@ -27,11 +26,12 @@ from skydog.world.state import State, start
 VERSION = 1
 KIND = "benchmark"
 FILE = Path(__file__).parent / "data" / f"bench-{VERSION}.safetensors"
-SHA256 = "0"
+SHA256 = "114c81ab6f57d96fc9968a9f6c31eecdc6346f7926777fded0570b104fd15bd6"
 """Of the file of cases: whoever flies others does not fly this version."""
 
 SEED = 1_000  # of the starts and of the noise; nothing was tuned on it
 DRONE = "crazyflie"  # of the twin
+FLYABLE = 1_013  # the first seed from `SEED` on whose starts the twin can fly
 
 
 @dataclass(frozen=True)
@@ -108,13 +108,6 @@ def _scattered(sheep: int, dogs: int) -> Task:
     )
 
 
-def _in_twin(world: World) -> State:
-    from skydog.flight import profiles
-    from skydog.twin import starts
-
-    return starts.draw(world, 10, "spaced", profiles.uav(DRONE), profiles.rover("kobuki"), SEED)
-
-
 TASKS = {
     "paper-4m": _shipped(4.0),
     "paper-6m": _shipped(6.0),
@@ -156,7 +149,7 @@ TASKS = {
     "twin": Task(
         f"a {DRONE} and three rovers with physics",
         partial(preset, "paper-physical"),
-        _in_twin,
+        partial(draws.cases, count=10, starts="random", seed=FLYABLE),
         600,
         in_twin=True,
     ),
@@ -194,7 +187,7 @@ def cases(name: str) -> State:
 def digest(name: str) -> str:
     """The SHA-256 of a task's starts: rows that have the same one can be compared."""
     whole = b"".join(_cases()[f"{name}/{who}"].tobytes() for who in ("sheep", "dogs"))
-    return hashlib.sha256(whole).hexdigest()
+    return hashlib.sha256(name.encode() + whole).hexdigest()
 
 
 def chosen(names: list[str] | None) -> list[str]:
@@ -205,22 +198,17 @@ def chosen(names: list[str] | None) -> list[str]:
     return list(TASKS) if names is None else names
 
 
-def fly(shepherd: Shepherd, name: str) -> Results:
-    """Fly a task: the figures of its row, and what came of each case.
+def fly(shepherd: Shepherd, name: str, twin: Fly) -> Results:
+    """Fly a task: the figures of its row, and what came of each case. `twin` flies in the twin.
 
     A shepherd that refuses the task, such as a policy for another flock, has the reason instead.
     """
     task, starts = TASKS[name], cases(name)
     world = task.world()
+    key = jax.random.key(SEED) if task.in_twin else evaluate.noise_key(world, SEED)
+    fly = twin if task.in_twin else partial(evaluate.fly, every=None)
     try:
-        if task.in_twin:
-            from skydog.twin import Twin
-
-            key: Any = evaluate.noise_key(world, SEED)
-            flown = Twin(DRONE, threads=0)(world, shepherd, starts, task.steps, key)
-        else:
-            key = evaluate.noise_key(world, SEED)
-            flown = evaluate.fly(world, shepherd, starts, task.steps, key, every=None)
+        flown = fly(world, shepherd, starts, task.steps, key)
     except Refusal as refusal:
         return {"refused": str(refusal), "cases of": digest(name)}
     measured = evaluate.measure(flown)

@@ -64,7 +64,9 @@ def read(file: Path) -> Results:
         )
     for name, each in tasks.items():
         if name not in bench.TASKS or each["cases of"] != bench.digest(name):
-            raise Refusal(f"{file} flew other cases of {name!r:.40}; fly it again with skydog bench")
+            raise Refusal(
+                f"{file} flew other cases of {name!r:.40}; fly it again with skydog bench"
+            )
     return row
 
 

@@ -12,9 +12,9 @@ INTRODUCTION = (
     "The benchmark is a fixed list of tasks with fixed starts: version {version}, "
     "`bench-{version}.safetensors`, SHA-256 `{digest}`. All shepherds fly the same "
     "cases with the same noise, at the speed limits of the task's world.",
-    "A mission that fails counts with all the steps that it was given. *Times best* is a task's mean "
-    "steps divided by the best known: the fewest of a shepherd that accomplishes all its missions, "
-    "or, for the paper's cases, those of the best-known plans.",
+    "A mission that fails counts with all the steps that it was given. *Times best* is a task's "
+    "mean steps divided by the best known: the fewest of a shepherd that accomplishes all its "
+    "missions, or, for the paper's cases, those of the best-known plans.",
 )
 
 HEAD = ["shepherd", "tasks accomplished", "times best, median", "not run", "trained", "command"]
@@ -27,8 +27,8 @@ def document(rows: dict[str, Results], command: str) -> str:
     parts += [text.format(version=bench.VERSION, digest=digest) for text in INTRODUCTION]
     parts += [
         "## Shepherds",
-        f"A task counts as accomplished if at least {100 * GOOD:g} % of its missions are. The median "
-        "is over the tasks that a shepherd accomplished.",
+        f"A task counts as accomplished if at least {100 * GOOD:g} % of its missions are. The "
+        "median is over the tasks that a shepherd accomplished.",
         report.markdown_table(HEAD, overview(rows)),
         "## Tasks",
         "In each cell: the share of missions that were accomplished, if not all, with its Wilson "
