@@ -76,7 +76,7 @@ def test_a_start_of_no_such_number_is_refused(what, bad):
 )
 @pytest.mark.parametrize("what", [each.name for each in fields(Curriculum)])
 def test_a_curriculum_of_no_such_value_is_refused(what, bad):
-    if (what, bad) == ("one_scale", True):
+    if what in ("one_scale", "navigates") and bad is True:
         return
     with pytest.raises(Refusal):
         Curriculum(**{what: bad}).world()

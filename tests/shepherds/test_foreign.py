@@ -53,17 +53,16 @@ def test_it_flies_a_rollout_under_vmap_as_one_batch():
 
 def test_a_policy_may_compute_in_jax_itself():
     net = jax.jit(lambda seen: -jax.numpy.tanh(seen[:, 2:4]))
-    trace = evaluate.fly(WORLD, skydog.from_policy(net), STARTS, STEPS, None, None)
-    assert trace.dogs.shape == (3, STEPS + 1, 1, 2)
+    start = jax.tree.map(lambda leaf: leaf[0], STARTS)
+    assert skydog.rollout(WORLD, skydog.from_policy(net), start, 3).dogs.shape == (4, 1, 2)
 
 
-@pytest.mark.parametrize("how", ["compact", "full"])
-def test_it_sees_what_the_environment_shows_and_acts_as_there(how):
+def test_it_sees_what_the_environment_shows_and_acts_as_there():
     import gymnasium
 
     import skydog.envs
 
-    seen = []
+    seen, how = [], "full"
 
     def asked(observation):
         seen.append(observation)
@@ -106,6 +105,17 @@ def test_an_answer_that_is_no_action_is_refused(answer, says):
     start = jax.tree.map(lambda leaf: leaf[0], STARTS)
     with pytest.raises(Refusal, match=says):
         skydog.from_policy(answer)(WORLD, start)
+
+
+def test_a_policy_that_fails_under_way_is_refused_too():
+    answers = iter(range(3))
+
+    def tires(seen):
+        next(answers)
+        return seen[:, :2]
+
+    with pytest.raises(Refusal, match=r"failed on arrays.*StopIteration"):
+        skydog.rollout(WORLD, skydog.from_policy(tires), jax.tree.map(lambda x: x[0], STARTS), 3)
 
 
 def test_a_dog_hovers_on_an_action_that_is_no_number():

@@ -124,6 +124,11 @@ def test_a_shepherd_that_cannot_fly_is_refused_before_it_does(folder, name, says
         named.trial(f"kennel.py:{name}", shepherd, WORLD, STARTS)
 
 
+def test_a_run_folder_may_have_a_colon_in_its_name():
+    assert finding.kind("runs/2026-11-26:b") == "sheepdog"
+    assert finding.kind("runs/kennel.py:dog") == finding.kind("kennel.dogs:dog") == "code"
+
+
 def test_a_mistyped_name_runs_no_code(folder):
     (folder / "kennel.py").write_text("raise SystemExit('run')\n")
     finding.check("kennel.py:dog")

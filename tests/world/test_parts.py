@@ -331,7 +331,7 @@ def test_an_own_world_has_its_own_arena_and_flock_in_an_environment():
     world = preset("paper", 8.0, 9)
     options: dict[str, Any]
     for options in ({"arena": 6.0}, {"preset": "paper-w05"}):
-        with pytest.raises(Refusal, match="takes the place of preset, scene and arena"):
+        with pytest.raises(Refusal, match="takes the place of preset, scene, arena and mix"):
             gymnasium.make("skydog/Herd-v0", world=world, **options)
     each = replace(world, sheep=replace(world.sheep, speed=jnp.full(9, 0.5)))
     with pytest.raises(Refusal, match="--sheep 9"):

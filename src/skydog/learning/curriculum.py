@@ -67,8 +67,9 @@ class Curriculum:
             if len(goal) != 2:
                 raise Refusal(f"a goal is x and y in metres, got {short(self.goal)}; try (4, 4)")
             object.__setattr__(self, "goal", tuple(goal))
-        if not isinstance(self.one_scale, bool):
-            raise Refusal(f"one_scale is True or False, got {short(self.one_scale)}")
+        for name in ("one_scale", "navigates"):
+            if not isinstance(getattr(self, name), bool):
+                raise Refusal(f"{name} is True or False, got {short(getattr(self, name))}")
         if not isinstance(self.own_world, str | None):
             raise Refusal(f"own_world is FILE.py:NAME, got {short(self.own_world)}")
 

@@ -37,7 +37,9 @@ def kind(name: str) -> Kind:
         return "zip"
     if name.endswith(".onnx"):
         return "onnx"
-    return "code" if colon and tail.isidentifier() else "sheepdog"
+    where, colon, last = name.rpartition(":")
+    module = all(part.isidentifier() for part in (*where.split("."), last))
+    return "code" if colon and (module or where.endswith(".py")) else "sheepdog"
 
 
 def check(name: str) -> None:

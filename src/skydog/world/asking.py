@@ -1,6 +1,8 @@
 """What a shepherd is asked, and what is said of one that cannot be compiled."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from skydog.errors import Refusal
@@ -26,3 +28,15 @@ def velocity(shepherd: Callable[[World, State], Any], world: World, seen: State)
             "jax.numpy, and jnp.where in place of if; a policy of another library needs "
             "skydog.from_policy(predict)"
         ) from problem
+
+
+@contextmanager
+def heard() -> Iterator[None]:
+    """A `Refusal` of a function that jax has called is that `Refusal` again."""
+    try:
+        yield
+    except RuntimeError as problem:  # in whose text jax quotes it
+        said = re.search(r"^(?:skydog\.errors\.)?Refusal: (.*)$", str(problem), re.M)
+        if said is None:
+            raise
+        raise Refusal(said[1]) from problem

@@ -311,7 +311,8 @@ def compiled_once(flown: Callable[..., Any]) -> Callable[..., Any]:
 
     @wraps(flown)
     def fly(world: World, shepherd: Shepherd, *rest: Any) -> Any:
-        return (compiled if isinstance(shepherd, eqx.Module) else flown)(world, shepherd, *rest)
+        with asking.heard():
+            return (compiled if isinstance(shepherd, eqx.Module) else flown)(world, shepherd, *rest)
 
     return fly
 
