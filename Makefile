@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns teams mixed scenes flown zoo lock clean
+.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns teams mixed scenes leaderboard flown zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -70,6 +70,12 @@ mixed: $(VENV)/run.stamp  ## Regenerate the study of mixed flocks, and docs/mixe
 scenes: $(VENV)/run.stamp  ## Regenerate the study of scenes, and docs/obstacles.md
 	$(BIN)/skydog reproduce --scenes $(ARGS)
 	cp runs/scenes/obstacles.md runs/scenes/obstacles.png docs
+
+BOARD := strombom elfiqi arc rearmost team team:h-ddpg-4x4 lama ring dhrl-4x4 h-ddpg-4x4 h-ddpg-6x6
+leaderboard: $(VENV)/dev.stamp  ## Fly the benchmark with all that ships, and write docs/leaderboard.md
+	$(BIN)/skydog bench $(BOARD) --out runs/board $(ARGS)
+	cp runs/board/*.json src/skydog/study/data/board
+	cp runs/board/leaderboard.md docs
 
 flown: ros  ## Fly the laboratory's chain for an hour, and write docs/flown.md
 	$(BIN)/python benchmarks/lab.py --out docs/flown.md

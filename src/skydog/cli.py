@@ -11,6 +11,7 @@ from tyro.conf import OmitArgPrefixes
 
 from skydog import __version__, processes
 from skydog.commands import interrupts, streams
+from skydog.commands.bench import bench
 from skydog.commands.compare import compare
 from skydog.commands.export import export
 from skydog.commands.fit import fit
@@ -26,7 +27,10 @@ from skydog.commands.twin import twin
 from skydog.commands.watch import watch
 from skydog.errors import Refusal
 
-COMMANDS = (herd, train, test, compare, twin, lab, reproduce, replay, watch, fit, export, presets)
+COMMANDS = (
+    *(herd, train, test, compare, bench, twin, lab, reproduce),
+    *(replay, watch, fit, export, presets),
+)
 REFUSED = 2
 UNWRITTEN = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EFBIG)
 CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
