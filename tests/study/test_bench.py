@@ -86,7 +86,9 @@ def test_who_does_not_accomplish_a_task_is_never_the_best_known():
     }
     assert board.best_known("gate", rows) == (100.0, "slow")
     assert board.best_known("maze", rows) is None
-    steps, who = board.best_known("paper-4m", rows)
+    known = board.best_known("paper-4m", rows)
+    assert known is not None
+    steps, who = known
     assert who == "planner"
     assert 0 < steps < 100
 

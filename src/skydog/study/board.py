@@ -48,15 +48,16 @@ def save(folder: Path, row: Results) -> None:
 def read(file: Path) -> Results:
     """A row. Raises `Refusal` for a file that is none, or is of another version's cases."""
     content = files.read_bytes(file, "row of the benchmark", LARGEST)
+    no_row = Refusal(f"{file} is no row of the benchmark; make it again with skydog bench")
     try:
         row = json.loads(content)
         version, tasks = row["version"], dict(row["tasks"])
         known = all(isinstance(row[name], str) for name in ("shepherd", "command", "trained"))
         fits = all(_fits(each) for each in tasks.values())
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        known = False
+        raise no_row from None
     if not known or not fits:
-        raise Refusal(f"{file} is no row of the benchmark; make it again with skydog bench")
+        raise no_row
     if version != bench.VERSION:
         raise Refusal(
             f"{file} is of version {version!r:.20} of the benchmark, this is {bench.VERSION}; "
