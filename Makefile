@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns teams mixed scenes flown zoo lock clean
+.PHONY: help herd test ros lint format docs peers wheel bench twinbench plans reproduce physical patterns teams mixed scenes leaderboard flown zoo lock clean
 
 help:  ## Show this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -28,7 +28,7 @@ docs: $(VENV)/dev.stamp  ## Build the site, and run its notebook: build/site/ind
 
 peers: $(VENV)-peers/stamp  ## Show what other libraries say of our environments, and learn in them
 	$(VENV)-peers/bin/python -m pytest -o addopts= --noconftest -s tests/envs/test_checkers.py tests/envs/test_sb3.py \
-		tests/envs/test_torchrl.py
+		tests/envs/test_sb3_worlds.py tests/envs/test_torchrl.py
 
 ros: $(VENV)/dev.stamp  ## Put ROS 1 (Debian: rospy and its master, 5 MB) beside the environment
 	.ci/ros $(BIN)/python
@@ -71,6 +71,12 @@ scenes: $(VENV)/run.stamp  ## Regenerate the study of scenes, and docs/obstacles
 	$(BIN)/skydog reproduce --scenes $(ARGS)
 	cp runs/scenes/obstacles.md runs/scenes/obstacles.png docs
 
+BOARD := strombom elfiqi arc rearmost team team:h-ddpg-4x4 lama ring dhrl-4x4 h-ddpg-4x4 h-ddpg-6x6
+leaderboard: $(VENV)/dev.stamp  ## Fly the benchmark with all that ships, and write docs/leaderboard.md
+	$(BIN)/skydog bench $(BOARD) --out runs/board $(ARGS)
+	cp runs/board/*.json src/skydog/study/data/board
+	cp runs/board/leaderboard.md docs
+
 flown: ros  ## Fly the laboratory's chain for an hour, and write docs/flown.md
 	$(BIN)/python benchmarks/lab.py --out docs/flown.md
 
@@ -81,9 +87,11 @@ zoo:  ## Ship the sheepdogs that make reproduce and make physical chose
 lock: $(VENV)/dev.stamp  ## Resolve the dependencies anew
 	$(BIN)/python -m pip install uv
 	$(BIN)/uv pip compile $(LOCK) --group build -o locks/run.txt pyproject.toml
-	$(BIN)/uv pip compile $(LOCK) --all-extras --group build --group dev --group docs -o locks/dev.txt pyproject.toml
+	$(BIN)/uv pip compile $(LOCK) $(EXTRAS:%=--extra %) --group build --group dev --group docs -o locks/dev.txt pyproject.toml
 LOCK := --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--no-emit-index-url --upgrade --custom-compile-command "make lock"
+# All but sb3, which brings torch.
+EXTRAS := fast tensorboard watch pettingzoo onnx scenes video twin lab ros1 crazyflie mavlink window
 
 clean:  ## Remove what make installed; runs stay
 	rm -rf $(VENV) $(VENV)-peers $(VENV)-twin-peers

@@ -44,6 +44,7 @@ suppress_warnings = ["mystnb.unknown_mime_type"]
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 autodoc_typehints = "signature"
+autodoc_mock_imports = ["stable_baselines3"]  # with torch it would be the largest thing in the lock
 autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88
 add_module_names = False

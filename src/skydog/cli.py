@@ -3,18 +3,15 @@
 import difflib
 import errno
 import os
-import platform
 import sys
 import traceback
-import zlib
-from contextlib import suppress
-from pathlib import Path
 
 import tyro
 from tyro.conf import OmitArgPrefixes
 
-from skydog import __version__
+from skydog import __version__, processes
 from skydog.commands import interrupts, streams
+from skydog.commands.bench import bench
 from skydog.commands.compare import compare
 from skydog.commands.export import export
 from skydog.commands.fit import fit
@@ -30,7 +27,10 @@ from skydog.commands.twin import twin
 from skydog.commands.watch import watch
 from skydog.errors import Refusal
 
-COMMANDS = (herd, train, test, compare, twin, lab, reproduce, replay, watch, fit, export, presets)
+COMMANDS = (
+    *(herd, train, test, compare, bench, twin, lab, reproduce),
+    *(replay, watch, fit, export, presets),
+)
 REFUSED = 2
 UNWRITTEN = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EFBIG)
 CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
@@ -39,8 +39,8 @@ CONFIG = (OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
 def main() -> None:
     """Run the command line; a `Refusal` is one line and exit code 2."""
     streams.own()
-    _own_settings()
-    _cache_compiled()
+    processes.settle()
+    os.environ["MPLBACKEND"] = "agg"
     with interrupts.heard():
         code = _run(sys.argv[1:])
     sys.exit(streams.finish(code))
@@ -102,44 +102,6 @@ def _command(arguments: list[str]) -> int:
     except SystemExit as left:  # tyro has shown a help, or what it could not read
         return left.code if isinstance(left.code, int) else 0
     return code or 0
-
-
-def _own_settings() -> None:
-    """Let no setting that other programs want reach ours: the same command gives the same figures.
-
-    Workers inherit them. What a user may want of a command stays: the platform, caches, logs.
-    """
-    stays = ("PLATFORM", "CACHE", "LOG_COMPILES", "DUMP", "VISIBLE_DEVICES")
-    for name in [name for name in os.environ if name.startswith(("JAX_", "EQX_"))]:
-        if not any(part in name for part in stays):
-            del os.environ[name]
-    os.environ["MPLBACKEND"] = "agg"
-
-
-def _cache_compiled() -> None:
-    """Let jax keep what it compiles, for the next call and for the workers of this one.
-
-    In the user's own cache folder, which nobody else may write to, since what lies there is run;
-    a folder for each kind of processor, since homes are shared between machines.
-    """
-    with suppress(OSError, RuntimeError):  # a home that cannot be written has no cache
-        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        cache = home / "skydog" / f"compiled-{_processor()}"
-        cache.mkdir(mode=0o700, parents=True, exist_ok=True)
-        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-        # XLA warns, in pages, that its own tuning hints are no features of the processor. What
-        # goes wrong in earnest is raised, too. 1 is what jax sets where nobody has.
-        if os.environ.get("TF_CPP_MIN_LOG_LEVEL", "1") == "1":
-            os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
-
-
-def _processor() -> str:
-    """A mark of what the processor can do."""
-    text = Path("/proc/cpuinfo")
-    lines = text.read_text().splitlines() if text.exists() else [platform.processor()]
-    able = next((line for line in lines if line.startswith(("flags", "Features"))), lines[0])
-    return f"{platform.machine()}-{zlib.crc32(able.encode()):08x}"
 
 
 if __name__ == "__main__":

@@ -64,8 +64,19 @@ def test_a_damaged_file_of_cells_is_flown_anew(tmp_path, flown, damaged):
     assert len(json.loads((tmp_path / command.CELLS).read_text())["cells"]) == 1
 
 
-@pytest.mark.parametrize("other", ["--physical", "--from-zoo"])
-def test_two_studies_at_once_are_refused(skydog, other):
-    code, _, said = skydog("reproduce", "--herdability", other)
+@pytest.mark.parametrize(
+    ("other", "why"),
+    [
+        (["--physical"], "--physical and --herdability are two studies"),
+        (["--from-zoo"], "--herdability trains nothing"),
+        (["--seeds", "2"], "--herdability trains nothing"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "why",
+)
+def test_what_does_not_go_with_a_study_that_trains_nothing_is_refused(
+    skydog, monkeypatch, other, why
+):
+    monkeypatch.setattr(command, "run", None)  # a refusal that is missing would fly for hours
+    code, _, said = skydog("reproduce", "--herdability", *other)
     assert code == 2
-    assert "a study of its own" in said
+    assert why in said

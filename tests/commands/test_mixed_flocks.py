@@ -73,5 +73,5 @@ def test_the_folder_has_a_trace_whose_sheep_are_as_they_were_mixed(folder):
 def test_two_studies_at_once_are_refused():
     from skydog.commands.reproduce import reproduce
 
-    with pytest.raises(Refusal, match="--patterns and --mixed are 2 studies"):
+    with pytest.raises(Refusal, match="--patterns and --mixed are two studies"):
         reproduce(patterns=True, mixed=True)

@@ -159,7 +159,7 @@ def test_of_several_seeds_taught_the_fastest_in_the_twin_ships(tmp_path, monkeyp
     dogs = [Sheepdog(actor, actor, 4.0) for actor in actors]
     needed = {id(dog): steps for dog, steps in zip(dogs, (7.0, 5.0, 6.0), strict=True)}
 
-    def train_all(jobs):
+    def train_all(jobs, on):
         for job in jobs:
             files.write_text(train.checkpoint_in(job.folder), job.name)
         return True
@@ -181,6 +181,6 @@ def test_of_several_seeds_taught_the_fastest_in_the_twin_ships(tmp_path, monkeyp
 
 
 def test_teaching_that_was_stopped_flies_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "train_all", lambda _: False)
+    monkeypatch.setattr(training, "train_all", lambda _, on: False)
     assert command.run(tmp_path, 1, 4, False, "skydog reproduce --physical") is None
     assert not (tmp_path / "zoo").exists()

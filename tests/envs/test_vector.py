@@ -1,4 +1,6 @@
+import importlib
 import re
+import sys
 from typing import Any
 
 import equinox as eqx
@@ -190,3 +192,10 @@ def test_what_cannot_be_done_is_said():
         worlds.reset(options={"reset_mask": [True] * COUNT})
     with pytest.raises(Refusal, match="one world at least"):
         worlds.reset(options={"reset_mask": np.zeros(COUNT, bool)})
+
+
+def test_without_stable_baselines3_its_vecenv_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.delitem(sys.modules, "skydog.envs.sb3", raising=False)
+    with pytest.raises(Refusal, match=r"pip install 'skydog\[sb3\]'"):
+        importlib.import_module("skydog.envs.sb3")

@@ -255,6 +255,14 @@ def test_a_callback_hears_of_every_chunk(monkeypatch, uninterrupted):
     assert heard[-1].success == history.success[last].mean()
 
 
+def test_a_callback_has_the_skill_as_it_is_then(uninterrupted):
+    seen, acts = jax.numpy.ones(4), []
+    training, _ = run(callback=lambda progress: acts.append(progress.skill(seen)) or True)
+    assert len(acts) == 3
+    assert not np.array_equal(acts[0], acts[1])
+    assert np.array_equal(acts[-1], training.agent.skill(seen))
+
+
 def test_checkpoints_are_written_on_the_way(monkeypatch, tmp_path):
     monkeypatch.setattr(train, "CHUNK", 515)
     monkeypatch.setattr(train, "CHECKPOINT", 1_000)

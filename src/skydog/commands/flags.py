@@ -9,6 +9,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 
 from skydog import files, quantities
 from skydog.errors import Refusal, short
+from skydog.learning import ray_cluster
 from skydog.quantities import Quantity
 from skydog.shepherds import finding
 from skydog.world.options import KIND_NAMES, PRESET_NAMES, SCENE_NAMES
@@ -145,6 +146,7 @@ MaybeStep = Annotated[float | None, number(quantities.STEP, "SECONDS")]
 Wait = Annotated[float | None, number(quantities.WAIT, "METRES")]
 Port = Annotated[int, number(quantities.PORT, "INT")]
 Threads = Annotated[int, number(quantities.THREADS, "INT")]
+MaybeOn = Annotated[str | None, _one_word(ray_cluster.checked, "ray|ray://HOST:PORT")]
 Json = Annotated[bool, arg(name="json")]
 
 

@@ -35,13 +35,15 @@ CHOSEN_STEPS = 1000
 CHOSEN_SEED = 2  # the study's own have 0 and 1
 
 
-def run(out: Path, seeds: int, episodes: int, from_zoo: bool, command: str) -> Results | None:
+def run(
+    out: Path, seeds: int, episodes: int, from_zoo: bool, command: str, on: str | None = None
+) -> Results | None:
     """Teach the sheepdogs of the study, fly it into a run folder, and return its results.
 
     What was taught or flown before is not done again; None if the teaching was stopped.
     """
     out = files.folder(out)
-    if not from_zoo and not _teach(out, seeds, episodes, command):
+    if not from_zoo and not _teach(out, seeds, episodes, command, on):
         return None
     home = store.ZOO if from_zoo else out / "zoo"
     dogs = (*physical.UNTAUGHT, *physical.TAUGHT)
@@ -73,7 +75,7 @@ def run(out: Path, seeds: int, episodes: int, from_zoo: bool, command: str) -> R
     return results
 
 
-def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
+def _teach(out: Path, seeds: int, episodes: int, command: str, on: str | None = None) -> bool:
     """Teach `seeds` sheepdogs of each kind, and keep the one that is fastest in the twin.
 
     It is chosen by other starts than the study's own. Tells whether all was taught.
@@ -94,7 +96,7 @@ def _teach(out: Path, seeds: int, episodes: int, command: str) -> bool:
     ]
     training.check(out, todo)
     console.say(f"Training {len(todo)} skills, a core each; Ctrl-C keeps what was learnt:")
-    if not training.train_all(todo):
+    if not training.train_all(todo, on=on):
         training.stopped(command, resumes=True)
         return False
     line = Mission("", physical.SIM, 1.0, "spaced", CHOSEN_BY, CHOSEN_STEPS, seed=CHOSEN_SEED)

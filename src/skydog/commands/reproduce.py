@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skydog import files
-from skydog.commands.flags import STOPPED, Episodes, Json, MaybeOut, Seeds
+from skydog.commands.flags import STOPPED, Episodes, Json, MaybeOn, MaybeOut, Seeds
 from skydog.errors import Refusal
 
 if TYPE_CHECKING:
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from skydog.world.mission import Fly
     from skydog.world.trace import Trace
 
+SEEDS, EPISODES = 8, 3_000  # of each kind of sheepdog; the paper has 3,000 episodes
+
 
 def reproduce(
     out: MaybeOut = None,
-    seeds: Seeds = 8,
-    episodes: Episodes = 3_000,
+    seeds: Seeds = SEEDS,
+    episodes: Episodes = EPISODES,
     from_zoo: bool = False,
     physical: bool = False,
     patterns: bool = False,
@@ -30,6 +32,7 @@ def reproduce(
     mixed: bool = False,
     scenes: bool = False,
     navigate: bool = False,
+    on: MaybeOn = None,
     as_json: Json = False,
 ) -> int:
     """Repeat the paper's simulation study, its physical study or the herdability map of others.
@@ -52,6 +55,8 @@ def reproduce(
         mixed: Fly flocks in which some sheep are of another kind instead; trains nothing.
         scenes: Herd around obstacles instead, in the five scenes; trains nothing.
         navigate: Fly with a map, with the skill navigate, with neither; trains nothing.
+        on: Train on a Ray cluster: `ray` for the one that runs here, or its address. See
+            docs/many.md. Missions are flown here.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -71,6 +76,9 @@ def reproduce(
     chosen = [name for name, wanted in others.items() if wanted]
     if len(chosen) > 1:
         raise Refusal(f"--{chosen[0]} and --{chosen[1]} are two studies; leave one of them out")
+    trains = not chosen or physical
+    if not trains and (from_zoo or (seeds, episodes) != (SEEDS, EPISODES)):
+        raise Refusal(f"--{chosen[0]} trains nothing; leave --from-zoo, --seeds and --episodes out")
     out = out or Path("runs") / (chosen[0] if chosen else "reproduce")
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")
@@ -79,7 +87,7 @@ def reproduce(
         from skydog.study.physical import summary as table
 
         with files.claimed(out):
-            results = physics.run(out, seeds, episodes, from_zoo, command)
+            results = physics.run(out, seeds, episodes, from_zoo, command, on)
     elif chosen:
         study = import_module(f"skydog.commands.{chosen[0]}")
         table = import_module(f"skydog.study.{chosen[0]}_page").summary
@@ -88,7 +96,7 @@ def reproduce(
     else:
         table = _table
         with files.claimed(out):
-            results = run(out, Plan(seeds, episodes), from_zoo, command, evaluate.fly)
+            results = run(out, Plan(seeds, episodes), from_zoo, command, evaluate.fly, on)
     if results is None:
         return STOPPED
     if as_json:
@@ -104,11 +112,19 @@ def _table(results: dict[str, Any]) -> "Table":
     return report.table(reproduction.rows(results))
 
 
-def run(out: Path, plan: "Plan", from_zoo: bool, command: str, fly: "Fly") -> dict[str, Any] | None:
+def run(
+    out: Path,
+    plan: "Plan",
+    from_zoo: bool,
+    command: str,
+    fly: "Fly",
+    on: str | None = None,
+) -> dict[str, Any] | None:
     """Do the study into a run folder, and return its results; None if it was stopped.
 
-    What was trained in the folder before is not trained again; `fly` flies the missions. Raises
-    `Refusal` for an `out` that cannot be written or that holds trainings of another kind.
+    What was trained in the folder before is not trained again; `on` says where to train, as for
+    `workers.run`; `fly` flies the missions. Raises `Refusal` for an `out` that cannot be written
+    or that holds trainings of another kind.
     """
     from skydog.commands import console, training, zoo
     from skydog.study import scenarios
@@ -120,7 +136,7 @@ def run(out: Path, plan: "Plan", from_zoo: bool, command: str, fly: "Fly") -> di
         todo = plan.jobs(out)
         training.check(out, todo)
         console.say(f"Training {len(todo)} skills, a core each; Ctrl-C keeps what was learnt:")
-        if not training.train_all(todo):
+        if not training.train_all(todo, on=on):
             return training.stopped(command, resumes=True)
         console.say("Choosing the sheepdogs that fly ...")
         trained = zoo.fuse(plan, out, fly)

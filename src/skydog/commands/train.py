@@ -9,6 +9,7 @@ from skydog.commands.flags import (
     GoalRadius,
     Json,
     MaybeArena,
+    MaybeOn,
     MaybeScene,
     MaybeSheep,
     Out,
@@ -54,6 +55,7 @@ def train(
     navigate: bool = False,
     resume: bool = False,
     tensorboard: bool = False,
+    on: MaybeOn = None,
     as_json: Json = False,
 ) -> int:
     """Train one sheepdog, or several at once, and test each.
@@ -87,6 +89,8 @@ def train(
         navigate: Teach a third skill too, to find the way among obstacles without a map.
         resume: Continue an interrupted run; the results are those of a run without interruption.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
+        on: Train on a Ray cluster: `ray` for the one that runs here, or its address. See
+            docs/many.md.
         as_json: Print the results as JSON instead of a table.
     """
     from skydog.commands import console
@@ -115,7 +119,7 @@ def train(
         navigates=navigate,
     )
     command = console.command_line()
-    results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly)
+    results = run(out, curriculum, seed, seeds, resume, tensorboard, command, evaluate.fly, on)
     if results is None:
         return STOPPED
     console.show(results, as_json, curriculum.as_paper)
@@ -131,11 +135,13 @@ def run(
     tensorboard: bool,
     command: str,
     fly: "Fly",
+    on: str | None = None,
 ) -> dict[str, Any] | None:
     """Teach `count` sheepdogs, test each, and return the rows of figures; None if it was stopped.
 
-    `fly` flies the missions of the test. Raises `Refusal` for an `out` that cannot be written or
-    that holds trainings already, unless they are to be resumed.
+    `fly` flies the missions of the test; `on` says where to train, as for `workers.run`. Raises
+    `Refusal` for an `out` that cannot be written or that holds trainings already, unless they are
+    to be resumed.
     """
     from skydog import files, quantities
     from skydog.commands import console, training
@@ -152,7 +158,7 @@ def run(
     write = console.tensorboard(out / "tensorboard") if tensorboard else None
     with files.claimed(out):
         training.check(out, todo)
-        return _train(out, curriculum, folders, todo, write, command, fly)
+        return _train(out, curriculum, folders, todo, write, command, fly, on)
 
 
 def _train(
@@ -163,6 +169,7 @@ def _train(
     write: "Callable[[Message], None] | None",
     command: str,
     fly: "Fly",
+    on: str | None,
 ) -> dict[str, Any] | None:
     from skydog.commands import console, training
     from skydog.shepherds import store
@@ -177,7 +184,7 @@ def _train(
     console.say(
         f"Training {count} x {len(curriculum.skills)} skills, {curriculum.steps:,} steps each:"
     )
-    if not training.train_all(todo, write):
+    if not training.train_all(todo, write, on):
         return training.stopped(command)
     results = {}
     drawn = "paper" if curriculum.sheep == len(PAPER_LAYOUT) else "random"

@@ -30,8 +30,15 @@ def jobs(curriculum: Curriculum, folder: Path, seed: int, resume: bool) -> list[
     return [Job(curriculum, skill, seed, folder / skill, resume) for skill in curriculum.skills]
 
 
-def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | None = None) -> bool:
-    """Train every job in its folder; tell whether all were finished. `write` gets every message."""
+def train_all(
+    todo: Sequence[Job],
+    write: Callable[[workers.Message], None] | None = None,
+    on: str | None = None,
+) -> bool:
+    """Train every job in its folder; tell whether all were finished.
+
+    `write` gets every message; `on` says where to train, as for `workers.run`.
+    """
     for job in todo:
         files.folder(job.folder)
     with console.TrainingBars(todo) as bars:
@@ -41,7 +48,7 @@ def train_all(todo: Sequence[Job], write: Callable[[workers.Message], None] | No
             if write:
                 write(message)
 
-        return workers.run(todo, update)
+        return workers.run(todo, update, on)
 
 
 def check(out: Path, todo: Iterable[Job]) -> None:

@@ -68,6 +68,8 @@ class Progress:
     episodes: int
     reward_per_action: float  # over the last 100 episodes
     success: float  # over the last 100 episodes
+    # As it is now, to fly missions with. The next chunk takes its memory: use it before you return.
+    skill: Any = None
 
 
 def learner(config: Any) -> ModuleType:
@@ -193,7 +195,7 @@ def train(
         done = int(training.step)
         history = history.extended(done, training.agent.skill, ended)
         _refuse_diverged(done, np.asarray(ended.reward))
-        more = callback(_progress(history, done, steps))
+        more = callback(_progress(history, done, steps, training.agent.skill))
         if folder is not None and done % CHECKPOINT < CHUNK:
             _save(folder, training, history, card)
             saved = done
@@ -259,7 +261,7 @@ def _blank(task: Task) -> Transition:
     return Transition(seen, jnp.zeros(task.action), nothing, seen, nothing)
 
 
-def _progress(history: History, done: int, steps: int) -> Progress:
+def _progress(history: History, done: int, steps: int, skill: Any) -> Progress:
     last = slice(-RECENT, None)
     actions = max(1, int(history.length[last].sum()))
     return Progress(
@@ -268,6 +270,7 @@ def _progress(history: History, done: int, steps: int) -> Progress:
         episodes=len(history.reward),
         reward_per_action=float(history.reward[last].sum()) / actions,
         success=float(history.success[last].mean()) if len(history.success) else 0.0,
+        skill=skill,
     )
 
 

@@ -1,4 +1,7 @@
-"""Trainings side by side: one process a core, each pinned to it, and a clean stop."""
+"""Trainings side by side: one process a core, each pinned to it, and a clean stop.
+
+Or on many machines: see `skydog.learning.ray_cluster`.
+"""
 
 import multiprocessing as mp
 import os
@@ -6,7 +9,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -61,25 +64,30 @@ class Message:
     refused: bool = False  # whether the user can mend what went wrong
 
 
-def run(jobs: Sequence[Job], callback: Callable[[Message], None]) -> bool:
+def run(jobs: Sequence[Job], callback: Callable[[Message], None], on: str | None = None) -> bool:
     """Train every job, as many at a time as there are cores; tell whether all were finished.
 
-    Ctrl-C, or a termination signal, stops after the chunk in hand: every training is
-    checkpointed, and the answer is False. Raises `Refusal` if a job was refused or its process
-    died, and `RuntimeError` if one broke, once the others are safe.
+    `on` says where: None on the cores of this machine, "ray" or "ray://HOST:PORT" on those of a
+    Ray cluster, with the same results. Ctrl-C, or a termination signal, stops after the chunk in
+    hand: every training is checkpointed, and the answer is False. Raises `Refusal` if a job was
+    refused or its process died, and `RuntimeError` if one broke, once the others are safe.
     """
+    if on is not None:
+        from skydog.learning import ray_cluster
+
+        return ray_cluster.run(jobs, callback, on)
     waiting, endings = list(jobs), list[Message]()
     workers: dict[Connection, BaseProcess] = {}
     stopping = False
     try:
-        with _signals() as asked:
-            for core in sorted(_cores())[: len(jobs)]:
+        with signals() as asked:
+            for core in sorted(processes.cores())[: len(jobs)]:
                 workers |= _start(core)
             talking = list(workers)
             for link in talking:
                 _tell(link, waiting.pop(0))
             while talking:
-                if not stopping and (asked or any(map(_failed, endings))):
+                if not stopping and (asked or any(map(failed, endings))):
                     stopping = True
                     waiting.clear()
                     for link in talking:
@@ -98,11 +106,7 @@ def run(jobs: Sequence[Job], callback: Callable[[Message], None]) -> bool:
         for link, worker in workers.items():
             link.close()
             worker.join()
-    for message in endings:
-        if message.refused:
-            raise Refusal(message.ended)
-        if _failed(message):
-            raise RuntimeError(f"training {message.job.name} broke: {message.ended}")
+    raise_failed(endings)
     killed = [worker.exitcode for worker in workers.values() if worker.exitcode]
     if killed:
         raise Refusal(
@@ -111,8 +115,18 @@ def run(jobs: Sequence[Job], callback: Callable[[Message], None]) -> bool:
     return sum(message.ended == "done" for message in endings) == len(jobs)
 
 
-def _failed(message: Message) -> bool:
-    return message.ended not in ("done", "stopped")
+def failed(ending: Message) -> bool:
+    """Whether a job ended otherwise than it should."""
+    return ending.ended not in ("done", "stopped")
+
+
+def raise_failed(endings: Sequence[Message]) -> None:
+    """Raise `Refusal` if a job was refused, and `RuntimeError` if one broke."""
+    for message in endings:
+        if message.refused:
+            raise Refusal(message.ended)
+        if failed(message):
+            raise RuntimeError(f"training {message.job.name} broke: {message.ended}")
 
 
 def _tell(link: Connection, job: Job | None) -> None:
@@ -129,7 +143,7 @@ def _heard(link: Connection) -> Message | None:
 
 
 def _work(core: int, link: Connection) -> None:
-    _pin(core)  # before jax is imported: its threads then do not fight over the cores
+    processes.pin({core})  # before jax is imported: its threads then do not fight over the cores
     # The link breaks when the parent dies, however it dies: a worker never outlives it for long.
     with suppress(EOFError, OSError):
         while (job := link.recv()) is not None:
@@ -137,22 +151,34 @@ def _work(core: int, link: Connection) -> None:
 
 
 def _trained(job: Job, link: Connection) -> Message:
+    def callback(progress: Any) -> bool:
+        with suppress(OSError):  # nobody listens any more: what was learnt is kept all the same
+            link.send(Message(job, progress=progress))
+        return not link.poll()  # told to stop, or the parent is gone
+
+    return trained(job, callback, PATIENCE)
+
+
+def trained(job: Job, callback: Callable[[Any], bool], patience: float) -> Message:
+    """Train a job in this process, and tell how it ended.
+
+    `callback` gets a `train.Progress` after each chunk, and says whether to go on. `patience` is
+    how long to wait, in seconds, for another process that still has the job's folder.
+    """
     try:
-        with files.claimed(job.folder, PATIENCE):
-            return Message(job, ended="done" if _train(job, link) else "stopped")
+        with files.claimed(job.folder, patience):
+            return Message(job, ended="done" if _train(job, callback) else "stopped")
     except Refusal as refusal:
         return Message(job, ended=str(refusal), refused=True)
     except Exception as problem:
         return Message(job, ended=f"{type(problem).__name__}: {problem}")
 
 
-def _train(job: Job, link: Connection) -> bool:
+def _train(job: Job, callback: Callable[[Any], bool]) -> bool:
     from skydog.learning import train
 
-    def callback(progress: train.Progress) -> bool:
-        with suppress(OSError):  # nobody listens any more: what was learnt is kept all the same
-            link.send(Message(job, progress=progress))
-        return not link.poll()  # told to stop, or the parent is gone
+    def told(progress: train.Progress) -> bool:
+        return callback(replace(progress, skill=None))  # it stays in the process that learns it
 
     curriculum = job.curriculum
     training, history = train.train(
@@ -163,14 +189,14 @@ def _train(job: Job, link: Connection) -> bool:
         job.folder,
         job.card,
         job.resume,
-        callback,
+        told,
         curriculum.episodes,
     )
     return train.finished(training, history, curriculum.steps, curriculum.episodes)
 
 
 @contextmanager
-def _signals() -> Iterator[list[int]]:
+def signals() -> Iterator[list[int]]:
     """The signals to stop that have come; a second one stops at once.
 
     A thread hears none: they are for whoever owns the process.
@@ -203,14 +229,3 @@ def _start(core: int) -> dict[Connection, BaseProcess]:
     finally:
         theirs.close()
     return {ours: worker}
-
-
-def _cores() -> set[int]:
-    if hasattr(os, "sched_getaffinity"):
-        return os.sched_getaffinity(0)
-    return set(range(os.cpu_count() or 1))
-
-
-def _pin(core: int) -> None:
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {core})

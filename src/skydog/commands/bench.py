@@ -1,0 +1,103 @@
+"""`skydog bench`: fly shepherds through the benchmark, and put them on the leaderboard."""
+
+import json
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import Positional, arg
+
+from skydog import files
+from skydog.commands import flags
+from skydog.commands.flags import Json, Out
+
+PAGE = "leaderboard.md"
+
+
+def bench(
+    shepherds: Positional[tuple[flags.Shepherd, ...]] = (),
+    tasks: Annotated[str | None, arg(metavar="TASK,...")] = None,
+    trained: Annotated[str | None, arg(metavar="TEXT")] = None,
+    out: Out = Path("runs/bench"),
+    as_json: Json = False,
+) -> int:
+    """Fly shepherds through the benchmark, and put them on the leaderboard.
+
+    The benchmark is a fixed list of tasks with fixed starts: the paper's cases, other goals, 3 to
+    1,000 sheep, El-Fiqi's patterns, scenes, mixed flocks, sheep that diffuse, and the physics
+    twin. Each shepherd becomes a file in the run folder after each task, and leaderboard.md there
+    shows it beside the shepherds that ship. A shepherd that was interrupted goes on with the same
+    command; to fly it anew, remove its file.
+
+    Example: skydog bench h-ddpg-4x4 mine.py:MyDog --tasks paper-4m,gate
+
+    Args:
+        shepherds: As skydog test names them; none only writes the leaderboard anew.
+        tasks: The tasks, all if not given; see docs/bench.md.
+        trained: What the training cost, such as "3 M steps, 2 min on a core", for the leaderboard.
+        out: The run folder.
+        as_json: Print the rows as JSON instead of a table.
+    """
+    from skydog.commands import console
+    from skydog.study import bench as benchmark
+    from skydog.study import board, board_page
+
+    chosen = benchmark.chosen(None if tasks is None else tasks.split(","))
+    benchmark.check()
+    with files.claimed(files.folder(out)):
+        for name in shepherds:
+            _fly(name, chosen, trained, out)
+        rows = board.rows(board.SHIPPED, out)
+        command = shlex.join(["skydog", "bench", *shepherds])
+        files.write_text(out / PAGE, board_page.document(rows, command))
+    mine = {name: rows[name] for name in shepherds}
+    if as_json:
+        print(json.dumps(mine, indent=2))
+        return 0
+    for name in shepherds:
+        console.print_table(_table(name, rows))
+    console.say(f"All shepherds are in {out / PAGE}.")
+    return 0
+
+
+def _fly(name: str, tasks: list[str], trained: str | None, out: Path) -> None:
+    from skydog.commands import console
+    from skydog.shepherds import named
+    from skydog.study import bench as benchmark
+    from skydog.study import board
+    from skydog.twin import Twin
+
+    shepherd, card = named.read(name)
+    file = board.path(out, name)
+    command = shlex.join(["skydog", "bench", name])
+    row = board.read(file) if files.exists(file) else board.blank(name, command, _cost(card))
+    row["trained"] = trained or row["trained"]
+    for task in console.track(name, [each for each in tasks if each not in row["tasks"]]):
+        row["tasks"][task] = benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=0))
+        board.save(out, row)
+
+
+def _cost(card: dict[str, Any]) -> str:
+    """What a sheepdog's card says of its training."""
+    steps = card.get("steps_a_skill")
+    if not isinstance(steps, int):
+        return "" if card else "—"
+    return f"{steps:,} steps a skill, seed {card.get('seed')}"
+
+
+def _table(name: str, rows: dict[str, Any]) -> Any:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    from skydog.study import bench as benchmark
+    from skydog.study import board, board_page
+
+    table = Table("task", name, "best known", box=SIMPLE_HEAD)
+    for task in benchmark.TASKS:
+        if (figures := rows[name]["tasks"].get(task)) is None:
+            continue
+        known = board.best_known(task, rows)
+        shown = board_page.cell(task, figures, rows)
+        best = "—" if known is None else f"{known[0]:.0f} ({known[1]})"
+        table.add_row(task, figures.get("refused", shown), best)
+    return table

@@ -1,0 +1,31 @@
+import json
+
+from skydog.study import bench as benchmark
+
+
+def test_a_shepherd_gets_a_row_and_a_leaderboard_and_goes_on_where_it_was(skydog, tmp_path):
+    out = tmp_path / "bench"
+    asked = ("bench", "strombom", "--tasks", "paper-4m", "--out", str(out))
+    code, printed, _ = skydog(*asked, "--json")
+    assert code == 0
+    row = json.loads(printed)["strombom"]
+    assert row["tasks"]["paper-4m"]["success"] == 1.0
+    assert row["tasks"]["paper-4m"]["cases of"] == benchmark.digest("paper-4m")
+    page = (out / "leaderboard.md").read_text()
+    assert "`strombom`" in page
+    # What is flown already is not flown again.
+    row["tasks"]["paper-4m"]["steps"]["mean"] = 1234.0
+    (out / "strombom.json").write_text(json.dumps(row))
+    code, printed, _ = skydog(*asked)
+    assert code == 0
+    assert "1234" in printed
+
+
+def test_a_task_or_a_shepherd_that_there_is_not_is_refused(skydog, tmp_path):
+    out = str(tmp_path / "bench")
+    code, _, said = skydog("bench", "strombom", "--tasks", "gats", "--out", out)
+    assert code == 2
+    assert "no task is called 'gats'" in said
+    code, _, said = skydog("bench", "strombum", "--out", out)
+    assert code == 2
+    assert "strombum" in said
