@@ -1,6 +1,6 @@
 """The five scenes in the twin, beside the kinematic world: the same starts, three sheep.
 
-python benchmarks/twin_scenes.py [--cases 30]
+python benchmarks/twin_scenes.py [--cases 20]
 """
 
 import argparse
@@ -33,7 +33,7 @@ def row(scene: str, cases: int) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=30)
+    parser.add_argument("--cases", type=int, default=20)
     cases = parser.parse_args().cases
     kinds = "kinematic", "twin", "twin, `lab`"
     head = ["scene", *(f"{kind}: {what}" for kind in kinds for what in ("success", "steps"))]
