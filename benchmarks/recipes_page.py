@@ -76,6 +76,9 @@ def page(recipes: Sequence[Any], folder: Path) -> str:
         + ", ".join(f"{name} {version(name)}" for name in ("stable-baselines3", "torch", "jax"))
     )
     text = INTRODUCTION.format(command=COMMAND, where=where, target=TARGET)
+    missing = [each.name for each in recipes if not list(folder.glob(f"{each.name}-*.json"))]
+    if missing:
+        text += f"- Not trained to the end here, and so in no table: {', '.join(missing)}.\n"
     text += HERD.format(table=herd(recipes, folder)) + DRIVE.format(table=drive(recipes, folder))
     text += PROGRAMS.format(table=numbers(recipes))
     return text + "".join("\n" + program(each) for each in recipes if each.task == "herd")
