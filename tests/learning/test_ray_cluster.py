@@ -1,6 +1,7 @@
 """Trainings on a cluster of Ray: two machines, of which one is lost."""
 
 import logging
+import os
 import subprocess
 import sys
 import time
@@ -29,11 +30,14 @@ PATIENT = {
 
 
 def held(go: Path) -> None:
-    """Checkpoint often, tell of every chunk, and go no further than `HELD` before there is `go`."""
-    advance = train.advance
+    """Checkpoint often, tell of every chunk, and go no further than `HELD` before there is `go`.
+
+    Nor on a machine that was killed: its processes notice it only after a while.
+    """
+    advance, machine = train.advance, os.getppid()
 
     def waits(task, config, training, key, steps):
-        while int(training.step) >= HELD and not go.exists():
+        while int(training.step) >= HELD and not (go.exists() and os.getppid() == machine):
             time.sleep(0.05)
         return advance(task, config, training, key, steps)
 
