@@ -91,7 +91,7 @@ lock: $(VENV)/dev.stamp  ## Resolve the dependencies anew
 LOCK := --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 	--no-emit-index-url --upgrade --custom-compile-command "make lock"
 # All but sb3, which brings torch.
-EXTRAS := fast tensorboard watch pettingzoo onnx scenes video twin lab ros1 crazyflie mavlink window
+EXTRAS := fast tensorboard watch pettingzoo onnx scenes video twin lab ros1 crazyflie mavlink window ray
 
 clean:  ## Remove what make installed; runs stay
 	rm -rf $(VENV) $(VENV)-peers $(VENV)-twin-peers

@@ -64,7 +64,8 @@ def main() -> None:
 def study(way: str, trainings: int, steps: int) -> None:
     """Train a study in this process's own workers, or over Ray."""
     processes.settle()
-    os.environ["RAY_worker_niceness"] = "0"  # as our own workers; Ray's default is 15
+    # As our own workers; Ray's default is 15, and it spells the name so.
+    os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112
     with tempfile.TemporaryDirectory() as folder:
         jobs = [
             workers.Job(Curriculum(steps=steps), skill, seed, Path(folder) / f"{seed}-{skill}")
