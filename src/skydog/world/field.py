@@ -64,7 +64,7 @@ def solve(
 ) -> Field:
     """The field of the shortest ways to a goal that keep `clearance` metres off all obstacles.
 
-    `nodes` stand along the longer side. Solves the eikonal equation |∇T| = 1 by Godunov's upwind
+    `nodes` stand along the longer side. Solves the eikonal equation ‖∇T‖ = 1 by Godunov's upwind
     scheme, iterated until nothing changes (Rouy and Tourin 1992). Within the goal's `radius`
     there is the straight distance. Directions lead to the point of the way home that lies `ahead`
     metres on, so that who follows them rounds corners in time. Nodes without a way home lead to
