@@ -82,7 +82,7 @@ def test_a_replay_shows_obstacles_in_a_browser(trace, tmp_path, browser):
         replay.save(tmp_path / f"{name}.html", {"pen": shown})
         with opened(browser, (tmp_path / f"{name}.html").as_uri()) as page:
             until(page, "document.querySelector('canvas')?.width > 300")
-            pictures.append(pixels(page, "canvas.arena"))
+            pictures.append(pixels(page, "canvas"))
     assert pictures[0].shape == pictures[1].shape
     assert (pictures[0] != pictures[1]).any(axis=-1).sum() > 2000
 
