@@ -3,6 +3,7 @@
 import statistics
 from typing import Any
 
+from skydog.shepherds import finding
 from skydog.study import bench, board, report
 from skydog.study.options import Results
 
@@ -80,8 +81,9 @@ def cell(task: str, figures: dict[str, Any] | None, rows: dict[str, Results]) ->
 
 
 def not_run(rows: dict[str, Results]) -> str:
-    """Which tasks each shepherd was not flown in, and why."""
-    lines = []
+    """Which shepherds that ship have no row; in which tasks others were not flown, and why."""
+    without = [f"`{name}`" for name in (*finding.RULES, *finding.ships()) if name not in rows]
+    lines = [f"- These ship, and have no row yet: {', '.join(without)}."] if without else []
     for name, row in rows.items():
         reasons: dict[str, list[str]] = {}
         for task in bench.TASKS:
