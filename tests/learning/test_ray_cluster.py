@@ -16,6 +16,10 @@ from skydog.errors import Refusal
 from skydog.learning import ray_cluster, train, workers
 from skydog.learning.curriculum import Curriculum
 
+# Ray forks its processes, and they become other programs at once. jax, in use by now in this
+# process, warns of every fork.
+pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
+
 STEPS, CHECKPOINT, HELD = 6_000, 4_000, 5_000
 # Ray gives up on what does not answer within seconds: on a slow machine nothing does.
 PATIENT = {
