@@ -105,7 +105,7 @@ def test_a_mission_pays_for_the_metres_around_and_no_sheep_is_ever_inside_a_wall
     ("options", "said"),
     [
         ({"scene": "labyrinth"}, "no scene is called 'labyrinth'"),
-        ({"scene": "gate", "world": preset("paper")}, "takes the place of preset, scene, arena and mix"),
+        ({"scene": "gate", "world": preset("paper")}, "takes the place of preset, scene, arena"),
     ],
     ids=["name", "world"],
 )
