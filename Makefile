@@ -75,6 +75,7 @@ BOARD := strombom elfiqi arc rearmost team team:h-ddpg-4x4 lama ring dhrl-4x4 h-
 leaderboard: $(VENV)/dev.stamp  ## Fly the benchmark with all that ships, and write docs/leaderboard.md
 	$(BIN)/skydog bench $(BOARD) --out runs/board $(ARGS)
 	cp runs/board/*.json src/skydog/study/data/board
+	$(BIN)/skydog bench --out runs/board
 	cp runs/board/leaderboard.md docs
 
 flown: ros  ## Fly the laboratory's chain for an hour, and write docs/flown.md

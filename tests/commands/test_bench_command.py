@@ -29,3 +29,18 @@ def test_a_task_or_a_shepherd_that_there_is_not_is_refused(skydog, tmp_path):
     code, _, said = skydog("bench", "strombum", "--out", out)
     assert code == 2
     assert "strombum" in said
+
+
+def test_a_shepherd_whose_file_has_changed_is_flown_anew(skydog, tmp_path):
+    code = "from skydog.shepherds.strombom import Strombom\n\ndog = Strombom()\n"
+    (tmp_path / "own.py").write_text(code)
+    name, out = f"{tmp_path / 'own.py'}:dog", tmp_path / "bench"
+    asked = ("bench", name, "--tasks", "paper-4m", "--out", str(out), "--json")
+    assert skydog(*asked)[0] == 0
+    (file,) = out.glob("*.json")
+    row = json.loads(file.read_text())
+    row["tasks"]["paper-4m"]["steps"]["mean"] = 1234.0
+    file.write_text(json.dumps(row))
+    (tmp_path / "own.py").write_text(code + "# another dog\n")
+    again = json.loads(skydog(*asked)[1])[name]
+    assert again["tasks"]["paper-4m"]["steps"]["mean"] < 1000.0

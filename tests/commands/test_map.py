@@ -70,6 +70,7 @@ def test_a_damaged_file_of_cells_is_flown_anew(tmp_path, flown, damaged):
         (["--physical"], "--physical and --herdability are two studies"),
         (["--from-zoo"], "--herdability trains nothing"),
         (["--seeds", "2"], "--herdability trains nothing"),
+        (["--on", "ray"], "--herdability trains nothing"),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "why",
 )

@@ -8,7 +8,7 @@ from skydog.study import bench, board, board_page
 
 
 def row(name="a dog", **tasks):
-    made = board.blank(name, f"skydog bench {name}", "—")
+    made = board.blank(name, "rule", f"skydog bench {name}", "—")
     made["tasks"] = tasks
     return made
 

@@ -3,13 +3,16 @@
 import json
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
 from skydog import files
 from skydog.commands import flags
 from skydog.commands.flags import Json, Out
+
+if TYPE_CHECKING:
+    from skydog.world.mission import Shepherd
 
 PAGE = "leaderboard.md"
 
@@ -27,7 +30,7 @@ def bench(
     1,000 sheep, El-Fiqi's patterns, scenes, mixed flocks, sheep that diffuse, and the physics
     twin. Each shepherd becomes a file in the run folder after each task, and leaderboard.md there
     shows it beside the shepherds that ship. A shepherd that was interrupted goes on with the same
-    command; to fly it anew, remove its file.
+    command, and is flown anew if its file has changed.
 
     Example: skydog bench h-ddpg-4x4 mine.py:MyDog --tasks paper-4m,gate
 
@@ -39,14 +42,15 @@ def bench(
         as_json: Print the rows as JSON instead of a table.
     """
     from skydog.commands import console
+    from skydog.shepherds import named
     from skydog.study import bench as benchmark
     from skydog.study import board, board_page
 
     chosen = benchmark.chosen(None if tasks is None else tasks.split(","))
     benchmark.check()
     with files.claimed(files.folder(out)):
-        for name in shepherds:
-            _fly(name, chosen, trained, out)
+        for name, (shepherd, card) in {name: named.read(name) for name in shepherds}.items():
+            _fly(name, shepherd, trained or _cost(card), chosen, out)
         rows = board.rows(board.SHIPPED, out)
         command = shlex.join(["skydog", "bench", *shepherds])
         files.write_text(out / PAGE, board_page.document(rows, command))
@@ -60,18 +64,18 @@ def bench(
     return 0
 
 
-def _fly(name: str, tasks: list[str], trained: str | None, out: Path) -> None:
+def _fly(name: str, shepherd: "Shepherd", trained: str, tasks: list[str], out: Path) -> None:
+    """Fly the tasks that the shepherd's row lacks: all, if its file has changed since."""
     from skydog.commands import console
     from skydog.shepherds import named
     from skydog.study import bench as benchmark
     from skydog.study import board
     from skydog.twin import Twin
 
-    shepherd, card = named.read(name)
-    file = board.path(out, name)
-    command = shlex.join(["skydog", "bench", name])
-    row = board.read(file) if files.exists(file) else board.blank(name, command, _cost(card))
-    row["trained"] = trained or row["trained"]
+    file, command = board.path(out, name), shlex.join(["skydog", "bench", name])
+    row = board.blank(name, named.digest(name), command, trained)
+    if files.exists(file) and (kept := board.read(file))["digest"] == row["digest"]:
+        row["tasks"] = kept["tasks"]
     for task in console.track(name, [each for each in tasks if each not in row["tasks"]]):
         row["tasks"][task] = benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=0))
         board.save(out, row)

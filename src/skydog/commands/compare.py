@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from skydog.twin import Twin
     from skydog.world.state import State
 
+PROFILE, DISTURB = "tum-simulator", "none"  # as `skydog twin` has them
+
 
 def compare(
     shepherds: Positional[flags.Shepherds],
@@ -49,8 +51,8 @@ def compare(
     seed: Seed = 0,
     steps: Steps | None = None,
     twin: bool = False,
-    profile: Annotated[str, arg(metavar="NAME|FILE.toml")] = "tum-simulator",
-    disturb: Annotated[str, arg(metavar="NAME")] = "none",
+    profile: Annotated[str, arg(metavar="NAME|FILE.toml")] = PROFILE,
+    disturb: Annotated[str, arg(metavar="NAME")] = DISTURB,
     out: MaybeOut = None,
     as_json: Json = False,
 ) -> int:
@@ -95,6 +97,8 @@ def compare(
     """
     if len(shepherds) < 2:
         raise Refusal("compare needs two shepherds or more; try skydog compare strombom h-ddpg-4x4")
+    if not twin and (profile, disturb) != (PROFILE, DISTURB):
+        raise Refusal("--profile and --disturb are of the twin; add --twin, or leave them out")
     import jax
 
     from skydog.commands import console, missions

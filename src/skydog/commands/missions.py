@@ -40,7 +40,7 @@ def asked(
     one_world(preset, world)
     sheep = own_sheep(world, sheep)
     where = world_of(preset, world, arena, sheep, dogs, goal, goal_radius, nearness, scene, mix)
-    steps = steps or (1000 if scene is None else 5000)
+    steps = steps or longest(scene)
     starts = starts or ("paper" if scene is None else "random")
     as_paper = (preset, world, scene, starts, dogs) == ("paper", None, None, "paper", 1)
     as_paper = as_paper and not mix
@@ -48,6 +48,11 @@ def asked(
     if as_paper:
         where = presets.furthest_first(where)
     return Missions(where, sheep, starts, steps, as_paper)
+
+
+def longest(scene: str | None) -> int:
+    """The most steps of a mission, if none are asked for."""
+    return 1000 if scene is None else 5000
 
 
 def title(

@@ -35,7 +35,7 @@ def reproduce(
     on: MaybeOn = None,
     as_json: Json = False,
 ) -> int:
-    """Repeat the paper's simulation study, its physical study or the herdability map of others.
+    """Repeat the paper's simulation study, its physical study, or fly another study.
 
     Trains all sheepdogs of the study, flies the paper's eight scenarios and more, and writes
     report.html and results.json with all tables, figures and claims, and a verdict on each claim.
@@ -77,8 +77,11 @@ def reproduce(
     if len(chosen) > 1:
         raise Refusal(f"--{chosen[0]} and --{chosen[1]} are two studies; leave one of them out")
     trains = not chosen or physical
-    if not trains and (from_zoo or (seeds, episodes) != (SEEDS, EPISODES)):
-        raise Refusal(f"--{chosen[0]} trains nothing; leave --from-zoo, --seeds and --episodes out")
+    of_trainings = on is not None or (seeds, episodes) != (SEEDS, EPISODES)
+    if not trains and (from_zoo or of_trainings):
+        raise Refusal(
+            f"--{chosen[0]} trains nothing; leave --from-zoo, --seeds, --episodes and --on out"
+        )
     out = out or Path("runs") / (chosen[0] if chosen else "reproduce")
     if from_zoo and files.exists(out / "trainings"):
         raise Refusal(f"{out} holds a study that was trained; with --from-zoo choose another --out")

@@ -1,6 +1,5 @@
 """`skydog twin`: fly a shepherd in the physics twin, and print how good it is."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
@@ -111,7 +110,7 @@ def twin(
     import jax
 
     from skydog import files
-    from skydog.commands import console
+    from skydog.commands import console, missions
     from skydog.commands.test import run
     from skydog.flight import profiles
     from skydog.shepherds import named, scope, store
@@ -119,14 +118,14 @@ def twin(
     from skydog.study import evaluate, report
     from skydog.twin import Twin
     from skydog.twin import starts as draws
-    from skydog.world import loading, presets
+    from skydog.world import presets
 
     if preset is not None:
         one_world(preset, world)
     chosen = preset or ("paper-physical" if world is None else "paper")
     sheep = own_sheep(world, sheep)
     where = world_of(chosen, world, arena, sheep, dogs, goal, goal_radius, scene=scene)
-    steps = steps or (1000 if scene is None else 5000)
+    steps = steps or missions.longest(scene)
     where = presets.at_speed(where, speed)
     if video is not None and video.suffix != ".mp4":
         raise Refusal(f"a film is written as MP4, got {video}; try --video {video.stem}.mp4")
@@ -140,10 +139,7 @@ def twin(
     drawn = draws.draw(where, cases, starts, uav, rover, seed, sheep, dogs)
     called = store.called(shepherd, card)
     name = f"{evaluate.scenario(steers, where, called, sheep, dogs)}-{uav.name}"
-    if world is not None:
-        name += f"-{loading.title(world)}"
-    if scene is not None:
-        name += f"-{Path(scene).stem}"
+    name = missions.title(name, "paper", world, scene, None)
     with console.missions(cases) as update:
         fly = Twin(profile, rovers, disturb, wait, steering, threads=threads, progress=update)
         kept: list[Trace] = []

@@ -26,9 +26,7 @@ def read(name: str) -> tuple[Any, ObservationKind]:
     try:
         import stable_baselines3  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise Refusal(
-            f"{name} needs Stable-Baselines3; run: pip install stable-baselines3"
-        ) from None
+        raise Refusal(f"{name} needs Stable-Baselines3; run: pip install 'skydog[sb3]'") from None
     try:
         model = getattr(stable_baselines3, algorithm.upper()).load(path, device="cpu")
     except Exception as problem:

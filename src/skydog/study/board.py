@@ -21,11 +21,15 @@ PLANS = {"paper-4m": 4.0, "paper-6m": 6.0}
 """Tasks whose cases have best-known plans, and their arenas."""
 
 
-def blank(name: str, command: str, trained: str) -> Results:
-    """A row without figures. `trained` tells what the training cost, in words."""
+def blank(name: str, digest: str, command: str, trained: str) -> Results:
+    """A row without figures.
+
+    `digest` is what the name means (`named.digest`); `trained` tells what the training cost.
+    """
     return {
         "version": bench.VERSION,
         "shepherd": name,
+        "digest": digest,
         "command": command,
         "trained": trained,
         "skydog": __version__,
@@ -52,7 +56,9 @@ def read(file: Path) -> Results:
     try:
         row = json.loads(content)
         version, tasks = row["version"], dict(row["tasks"])
-        known = all(isinstance(row[name], str) for name in ("shepherd", "command", "trained"))
+        known = all(
+            isinstance(row[name], str) for name in ("shepherd", "digest", "command", "trained")
+        )
         fits = all(_fits(each) for each in tasks.values())
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise no_row from None
