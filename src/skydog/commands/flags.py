@@ -9,7 +9,6 @@ from tyro.constructors import PrimitiveConstructorSpec
 
 from skydog import files, quantities
 from skydog.errors import Refusal, short
-from skydog.learning import ray_cluster
 from skydog.quantities import Quantity
 from skydog.shepherds import finding
 from skydog.world.options import KIND_NAMES, PRESET_NAMES, SCENE_NAMES
@@ -95,6 +94,12 @@ def _one_word(read: Callable[[str], Any], metavar: str) -> PrimitiveConstructorS
     )
 
 
+def _on(word: str) -> str:
+    from skydog.learning import ray_cluster
+
+    return ray_cluster.checked(word)
+
+
 def _words(read: Callable[[str], Any], metavar: str) -> PrimitiveConstructorSpec[Any]:
     def from_words(words: list[str]) -> Any:
         try:
@@ -146,7 +151,7 @@ MaybeStep = Annotated[float | None, number(quantities.STEP, "SECONDS")]
 Wait = Annotated[float | None, number(quantities.WAIT, "METRES")]
 Port = Annotated[int, number(quantities.PORT, "INT")]
 Threads = Annotated[int, number(quantities.THREADS, "INT")]
-MaybeOn = Annotated[str | None, _one_word(ray_cluster.checked, "ray|ray://HOST:PORT")]
+MaybeOn = Annotated[str | None, _one_word(_on, "ray|ray://HOST:PORT")]
 Json = Annotated[bool, arg(name="json")]
 
 

@@ -1,14 +1,10 @@
 """The study of mixed flocks as tables, as Markdown and as a page."""
 
-from html import escape
-
-from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 
 from skydog.study import mixed, report
 from skydog.study.options import Results
-
-Table = tuple[list[str], list[list[str]]]
+from skydog.study.page import Page, Table, terminal
 
 TITLE = "Mixed flocks"
 FIGURE = "mixed"  # the name of its file, without the suffix
@@ -65,6 +61,8 @@ NOTES = (
     "sheep get used to drones is known (their flight distance fell from 60 m to 10 m in two "
     "trials); the rates are ours. At 0.003 a second fear falls to a sixth in ten minutes.",
 )
+
+PAGE = Page(TITLE, INTRODUCTION, FIGURE, CAPTION, NOTES)
 
 
 def _success(row: Results, name: str = "success") -> str:
@@ -154,40 +152,14 @@ def sections(results: Results) -> dict[str, list[Table]]:
 def summary(results: Results) -> RichTable:
     """Success with a fifth of each kind, for a terminal."""
     head, body = aim_table(results)
-    drawn = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for number, name in enumerate(head):
-        drawn.add_column(name, justify="right" if number else "left", overflow="fold")
-    for cells in body:
-        drawn.add_row(*cells)
-    return drawn
+    return terminal(head, body)
 
 
 def document(results: Results, command: str) -> str:
     """The study as Markdown."""
-    lines = [f"# {TITLE}", "", f"Made by `{command}`.", ""]
-    for paragraph in INTRODUCTION:
-        lines += [paragraph, ""]
-    lines += [f"![{CAPTION}]({FIGURE}.png)", "", f"*{CAPTION}*", ""]
-    for title, tables in sections(results).items():
-        lines += [f"## {title}", ""]
-        lines += [report.markdown_table(*table) for table in tables]
-    lines += ["## How to read this", ""]
-    for note in NOTES:
-        lines += [note, ""]
-    return "\n".join(lines)
+    return PAGE.markdown(sections(results), command)
 
 
 def page(results: Results, figure: str, player: str, command: str) -> str:
     """The study as one HTML page; `figure` is inline SVG and `player` a replay as markup."""
-    parts = {
-        title: "".join(report.html_table(*table) for table in tables)
-        for title, tables in sections(results).items()
-    }
-    parts["Figure"] = report.figures_html({CAPTION: figure})
-    parts["Replay"] = player
-    parts["Notes"] = "".join(f"<p>{escape(note)}</p>" for note in NOTES)
-    return report.document(
-        TITLE,
-        f"<p>Made by <code>{escape(command)}</code>.</p>"
-        + "".join(f"<h2>{escape(title)}</h2>{body}" for title, body in parts.items()),
-    )
+    return PAGE.html(sections(results), figure, player, command)

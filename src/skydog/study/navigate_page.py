@@ -5,8 +5,7 @@ from rich.table import Table as RichTable
 
 from skydog.study import navigate, report
 from skydog.study.options import Results
-
-Table = tuple[list[str], list[list[str]]]
+from skydog.study.page import Table
 
 TITLES = {
     "known": "On a map that is right",

@@ -1,12 +1,10 @@
 """The study of teams as tables and as Markdown."""
 
-from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 
 from skydog.study import report, teams
 from skydog.study.options import Results
-
-Table = tuple[list[str], list[list[str]]]
+from skydog.study.page import Page, Table, terminal
 
 TITLE = "Teams of dogs"
 FIGURE = "teams"  # the name of its file, without the suffix
@@ -35,6 +33,8 @@ NOTES = (
     "each dog uses at most half of the room between two of them in a step. Dogs that start nearer "
     "do not come nearer still. The other shepherds do not keep apart.",
 )
+
+PAGE = Page(TITLE, INTRODUCTION, FIGURE, CAPTION, NOTES)
 
 
 def _rows(results: Results, cell: str) -> Table:
@@ -78,23 +78,9 @@ def sections(results: Results) -> dict[str, Table]:
 def summary(results: Results) -> RichTable:
     """Steps by flock, shepherd and dogs, for a terminal."""
     head, body = _rows(results, "steps")
-    drawn = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for number, name in enumerate(head):
-        drawn.add_column(name, justify="right" if number > 1 else "left", overflow="fold")
-    for cells in body:
-        drawn.add_row(*cells)
-    return drawn
+    return terminal(head, body, names=2)
 
 
 def document(results: Results, command: str) -> str:
     """The study as Markdown."""
-    lines = [f"# {TITLE}", "", f"Made by `{command}`.", ""]
-    for paragraph in INTRODUCTION:
-        lines += [paragraph, ""]
-    lines += [f"![{CAPTION}]({FIGURE}.png)", "", f"*{CAPTION}*", ""]
-    for title, table in sections(results).items():
-        lines += [f"## {title}", "", report.markdown_table(*table)]
-    lines += ["## How to read this", ""]
-    for note in NOTES:
-        lines += [note, ""]
-    return "\n".join(lines)
+    return PAGE.markdown({title: [table] for title, table in sections(results).items()}, command)
