@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from skydog import files
 from skydog.arrays import load_arrays
+from skydog.commands.bench import _away, bench
 from skydog.errors import Refusal
 from skydog.learning import ray_cluster, train, workers
 from skydog.learning.curriculum import Curriculum
@@ -101,6 +103,22 @@ def test_results_of_other_work_come_in_the_order_of_its_items(cluster):
         0.5,
         0.25,
     ]
+
+
+def test_a_row_of_the_benchmark_is_the_same_on_a_cluster(cluster, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text("from skydog.shepherds.strombom import Strombom as dog\n")
+    tasks = "paper-4m,goal-centre"
+    bench(("own.py:dog",), tasks, out=Path("home"))
+    bench(("own.py:dog",), tasks, out=Path("away"), on="ray")
+    rows = [(Path(out) / "own.py-dog.json").read_bytes() for out in ("home", "away")]
+    assert rows[0] == rows[1]
+    with pytest.raises(Refusal, match=r"machine .* not the same file"):
+        list(
+            ray_cluster.each(
+                partial(_away, str(Path("own.py:dog").absolute()), "0"), ["gate"], "ray"
+            )
+        )
 
 
 def test_a_study_that_loses_a_machine_ends_with_the_same_bits(cluster, go, tmp_path):

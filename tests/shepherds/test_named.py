@@ -184,3 +184,28 @@ def test_the_digest_of_a_file_changes_with_it(folder):
     (folder / "kennel.py").write_text(FILE + "\n")
     assert named.digest("kennel.py:dog") != before
     assert named.digest("strombom") == "rule"
+
+
+@pytest.mark.parametrize("name", ["strombom", "h-ddpg-4x4", "team:h-ddpg-4x4", "package.mod:dog"])
+def test_what_lies_in_no_folder_has_the_same_name_everywhere(name):
+    assert finding.anywhere(name) == name
+
+
+@pytest.mark.parametrize(
+    ("name", "whole"),
+    [
+        ("a.py:dog", "{}/a.py:dog"),
+        ("ppo:a.zip", "ppo:{}/a.zip"),
+        ("a.onnx", "{}/a.onnx"),
+        ("runs", "{}/runs"),
+        ("team:runs", "team:{}/runs"),
+        ("policy:runs", "policy:{}/runs"),
+    ],
+)
+def test_a_file_is_named_by_its_whole_path_elsewhere(name, whole, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for file in ("a.py", "a.zip", "a.onnx"):
+        (tmp_path / file).touch()
+    (tmp_path / "runs").mkdir()
+    assert finding.anywhere(name) == whole.format(tmp_path)
+    assert finding.anywhere(finding.anywhere(name)) == whole.format(tmp_path)

@@ -2,6 +2,8 @@
 
 import json
 import shlex
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,9 +11,11 @@ from tyro.conf import Positional, arg
 
 from skydog import files
 from skydog.commands import flags
-from skydog.commands.flags import Json, Out
+from skydog.commands.flags import Json, MaybeOn, Out
+from skydog.errors import Refusal
 
 if TYPE_CHECKING:
+    from skydog.study.options import Results
     from skydog.world.mission import Shepherd
 
 PAGE = "leaderboard.md"
@@ -22,6 +26,7 @@ def bench(
     tasks: Annotated[str | None, arg(metavar="TASK,...")] = None,
     trained: Annotated[str | None, arg(metavar="TEXT")] = None,
     out: Out = Path("runs/bench"),
+    on: MaybeOn = None,
     as_json: Json = False,
 ) -> int:
     """Fly shepherds through the benchmark, and put them on the leaderboard.
@@ -39,6 +44,8 @@ def bench(
         tasks: The tasks, all if not given; see docs/bench.md.
         trained: What the training cost, such as "3 M steps, 2 min on a core", for the leaderboard.
         out: The run folder.
+        on: Fly on a Ray cluster, each task on a core: `ray` for the one that runs here, or its
+            address. Machines must see a shepherd's file at the same path. See docs/many.md.
         as_json: Print the rows as JSON instead of a table.
     """
     from skydog.commands import console
@@ -50,7 +57,7 @@ def bench(
     benchmark.check()
     with files.claimed(files.folder(out)):
         for name, (shepherd, card) in {name: named.read(name) for name in shepherds}.items():
-            _fly(name, shepherd, trained or _cost(card), chosen, out)
+            _fly(name, shepherd, trained or _cost(card), chosen, out, on)
         rows = board.rows(board.SHIPPED, out)
         command = shlex.join(["skydog", "bench", *shepherds])
         files.write_text(out / PAGE, board_page.document(rows, command))
@@ -64,7 +71,9 @@ def bench(
     return 0
 
 
-def _fly(name: str, shepherd: "Shepherd", trained: str, tasks: list[str], out: Path) -> None:
+def _fly(
+    name: str, shepherd: "Shepherd", trained: str, tasks: list[str], out: Path, on: str | None
+) -> None:
     """Fly the tasks that the shepherd's row lacks: all, if its file has changed since."""
     from skydog.commands import console
     from skydog.shepherds import named
@@ -76,9 +85,30 @@ def _fly(name: str, shepherd: "Shepherd", trained: str, tasks: list[str], out: P
     row = board.blank(name, named.digest(name), command, trained)
     if files.exists(file) and (kept := board.read(file))["digest"] == row["digest"]:
         row["tasks"] = kept["tasks"]
-    for task in console.track(name, [each for each in tasks if each not in row["tasks"]]):
-        row["tasks"][task] = benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=0))
+    todo = [task for task in tasks if task not in row["tasks"]]
+    flown: Iterator[Results]
+    if on is None:
+        flown = (benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=0)) for task in todo)
+    else:
+        from skydog.learning import ray_cluster
+        from skydog.shepherds import finding
+
+        flown = ray_cluster.each(partial(_away, finding.anywhere(name), row["digest"]), todo, on)
+    for task, figures in zip(console.track(name, todo), flown, strict=True):
+        row["tasks"][task] = figures
         board.save(out, row)
+
+
+def _away(name: str, digest: str, task: str) -> "Results":
+    """Fly a task on a machine of a cluster, on one core."""
+    from skydog.shepherds import named
+    from skydog.study import bench as benchmark
+    from skydog.twin import Twin
+
+    shepherd, _ = named.read(name)
+    if named.digest(name) != digest:
+        raise Refusal(f"{name} is not the same file as where skydog bench was called; copy it here")
+    return benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=1))
 
 
 def _cost(card: dict[str, Any]) -> str:

@@ -175,7 +175,10 @@ def _trained(number: int, job: Job, board: Any, site: Site) -> Message:
 
 def _worked(work: Callable[[Any], Any], item: Any, site: Site) -> Any:
     _settle(site)
-    return work(item)
+    try:
+        return work(item)
+    except Refusal as refusal:
+        raise Refusal(f"{_here()}: {refusal}") from None
 
 
 def _settle(site: Site) -> None:

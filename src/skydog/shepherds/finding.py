@@ -69,6 +69,17 @@ def title(name: str) -> str:
     return Path(name).stem if which == "onnx" else name
 
 
+def anywhere(name: str) -> str:
+    """The same name for every working folder: its file by the whole path."""
+    which = kind(name)
+    head, colon, tail = name.partition(":") if which in ("team", "saved", "zip") else ("", "", name)
+    if which == "code":
+        in_file = references.split(name)
+        return name if in_file is None else f"{in_file[0].absolute()}:{in_file[1]}"
+    named = which == "rule" or not files.exists(Path(tail))
+    return name if named else f"{head}{colon}{Path(tail).absolute()}"
+
+
 def ships() -> list[str]:
     """The names of the sheepdogs in the zoo, which come with the package."""
     return sorted(path.stem for path in ZOO.glob("*.safetensors"))
