@@ -31,9 +31,8 @@ Made by `{command}` (`pip install 'skydog[sb3]'`)
 on {where}.
 
 - Each training had one thread. **Minutes are those of the processor**, compiling and evaluations
-  included. The machine was shared with other work: the time on the clock was longer, and on a quiet
-  machine the processor needs less too.
-- The recipes were tuned with the seed 0. The seeds below are others.
+  included. The machine was shared with other work: on a quiet machine the processor needs less.
+- The recipes were tuned with the seeds 0 to 4. The seeds below are others.
 - Every policy is evaluated on the way, in 200 episodes, and the best is kept. *First* is the first
   evaluation in which at least {target:.1%} of the missions succeeded.
 - The policy that was kept is judged in 1,000 episodes that were used for nothing else. Brackets

@@ -1,5 +1,6 @@
 """`skydog train`: train one sheepdog, or several at once, and test each."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,11 +28,13 @@ from skydog.learning.options import Bodies, Learner, Reward
 from skydog.shepherds.options import Frame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from skydog.learning.curriculum import Curriculum
     from skydog.learning.workers import Job, Message
+    from skydog.shepherds.sheepdog import Sheepdog
     from skydog.world.mission import Fly
+    from skydog.world.trace import Trace
 
 CASES = 30  # missions that test a sheepdog
 
@@ -89,7 +92,7 @@ def train(
         navigate: Teach a third skill too, to find the way among obstacles without a map.
         resume: Continue an interrupted run; the results are those of a run without interruption.
         tensorboard: Write the curves for TensorBoard too, in the run folder.
-        on: Train on a Ray cluster: `ray` for the one that runs here, or its address. See
+        on: Train and fly on a Ray cluster: `ray` for the one that runs here, or its address. See
             docs/many.md.
         as_json: Print the results as JSON instead of a table.
     """
@@ -139,9 +142,9 @@ def run(
 ) -> dict[str, Any] | None:
     """Teach `count` sheepdogs, test each, and return the rows of figures; None if it was stopped.
 
-    `fly` flies the missions of the test; `on` says where to train, as for `workers.run`. Raises
-    `Refusal` for an `out` that cannot be written or that holds trainings already, unless they are
-    to be resumed.
+    `fly` flies the missions of the test; `on` says where to train and fly, as for `workers.run`.
+    Raises `Refusal` for an `out` that cannot be written or that holds trainings already, unless
+    they are to be resumed.
     """
     from skydog import files, quantities
     from skydog.commands import console, training
@@ -174,24 +177,18 @@ def _train(
     from skydog.commands import console, training
     from skydog.shepherds import store
     from skydog.study import evaluate, report
-    from skydog.study.cases import PAPER_LAYOUT, cases
-    from skydog.world import presets
-    from skydog.world.mission import MAX_STEPS
 
-    count, world = len(folders), curriculum.world()
-    if curriculum.as_paper:
-        world = presets.furthest_first(world)
+    count = len(folders)
     console.say(
         f"Training {count} x {len(curriculum.skills)} skills, {curriculum.steps:,} steps each:"
     )
     if not training.train_all(todo, write, on):
         return training.stopped(command)
+    sheepdogs = [training.fuse(curriculum, folder, seed)[0] for seed, folder in folders.items()]
     results = {}
-    drawn = "paper" if curriculum.sheep == len(PAPER_LAYOUT) else "random"
-    starts = cases(world, CASES, drawn, sheep=curriculum.sheep)
-    for seed, folder in folders.items():
-        sheepdog, _ = training.fuse(curriculum, folder, seed)
-        flown = fly(world, sheepdog, starts, MAX_STEPS, evaluate.noise_key(world, 0))
+    for (seed, folder), sheepdog, flown in zip(
+        folders.items(), sheepdogs, _tested(curriculum, sheepdogs, fly, on), strict=True
+    ):
         console.say_over(flown)
         name, row = curriculum.dog, evaluate.row(flown)
         card = training.card(curriculum, seed, command, {name: row})
@@ -200,3 +197,28 @@ def _train(
     report.write(out, results)
     console.say(f"Everything is in {out}.")
     return results
+
+
+def _tested(
+    curriculum: "Curriculum", sheepdogs: "list[Sheepdog]", fly: "Fly", on: str | None
+) -> "Iterator[Trace]":
+    """The missions that test each sheepdog, stacked along a first axis."""
+    if on is None:
+        return (_flown(curriculum, fly, sheepdog) for sheepdog in sheepdogs)
+    from skydog.learning import ray_cluster
+
+    return ray_cluster.each(partial(_flown, curriculum.anywhere(), fly), sheepdogs, on)
+
+
+def _flown(curriculum: "Curriculum", fly: "Fly", sheepdog: "Sheepdog") -> "Trace":
+    from skydog.study import evaluate
+    from skydog.study.cases import PAPER_LAYOUT, cases
+    from skydog.world import presets
+    from skydog.world.mission import MAX_STEPS
+
+    world = curriculum.world()
+    if curriculum.as_paper:
+        world = presets.furthest_first(world)
+    drawn = "paper" if curriculum.sheep == len(PAPER_LAYOUT) else "random"
+    starts = cases(world, CASES, drawn, sheep=curriculum.sheep)
+    return fly(world, sheepdog, starts, MAX_STEPS, evaluate.noise_key(world, 0))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 from skydog import quantities
@@ -76,6 +77,11 @@ class Curriculum:
     def world(self) -> "World":
         """The world of the lessons. Raises `Refusal` for parameters that cannot be."""
         return _world(self)
+
+    def anywhere(self) -> "Curriculum":
+        """The same, from every working folder: a world's file by its whole path."""
+        own = self.own_world
+        return self if own is None else replace(self, own_world=str(Path(own).absolute()))
 
     @property
     def skills(self) -> tuple[Skill, ...]:

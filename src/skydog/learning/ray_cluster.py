@@ -231,9 +231,7 @@ def _here() -> str:
 
 def _anywhere(job: Job) -> Job:
     """A job whose paths lead to the same place from every working folder."""
-    own = job.curriculum.own_world
-    curriculum = replace(job.curriculum, own_world=own and str(Path(own).absolute()))
-    return replace(job, curriculum=curriculum, folder=job.folder.absolute())
+    return replace(job, curriculum=job.curriculum.anywhere(), folder=job.folder.absolute())
 
 
 def _shared(jobs: Sequence[Job]) -> Path | None:
