@@ -71,9 +71,13 @@ scenes: $(VENV)/run.stamp  ## Regenerate the study of scenes, and docs/obstacles
 	$(BIN)/skydog reproduce --scenes $(ARGS)
 	cp runs/scenes/obstacles.md runs/scenes/obstacles.png docs
 
+FLAT := ppo:runs/recipes/ppo-herd-5.zip sac:runs/recipes/sac-herd-5.zip td3:runs/recipes/td3-herd-5.zip
 BOARD := strombom elfiqi arc rearmost team team:h-ddpg-4x4 lama ring dhrl-4x4 h-ddpg-4x4 h-ddpg-6x6
-leaderboard: $(VENV)/dev.stamp  ## Fly the benchmark with all that ships, and write docs/leaderboard.md
+leaderboard: $(VENV)/dev.stamp $(VENV)-peers/stamp  ## Fly the benchmark with all that ships, and write docs/leaderboard.md
 	$(BIN)/skydog bench $(BOARD) --out runs/board $(ARGS)
+	$(VENV)-peers/bin/python benchmarks/recipes.py --only ppo-herd sac-herd td3-herd --seeds 5
+	$(VENV)-peers/bin/skydog bench $(FLAT) --out runs/board $(ARGS) \
+		--trained "1 to 4 minutes of one core: [the recipes](recipes.md)"
 	cp runs/board/*.json src/skydog/study/data/board
 	$(BIN)/skydog bench --out runs/board
 	cp runs/board/leaderboard.md docs

@@ -97,5 +97,5 @@ def test_a_zip_that_has_changed_since_it_was_saved_is_refused(untaught, tmp_path
 
 def test_a_model_cannot_see_another_flock_than_it_learnt_with(untaught):
     world = skydog.preset("paper", arena=10.0, sheep=5)
-    with pytest.raises(skydog.Refusal, match="observation shape"):
+    with pytest.raises(skydog.Refusal, match="as many sheep and dogs as it has learnt with"):
         skydog.compare([f"ppo:{untaught / 'ppo.zip'}"], world, sheep=5)

@@ -38,7 +38,14 @@ def read(name: str) -> tuple[Any, ObservationKind]:
     if model.action_space.shape != (2,):
         raise Refusal(f"{path} acts in {model.action_space}; a dog takes two numbers from -1 to 1")
 
+    shape = model.observation_space.shape
+
     def predict(seen: np.ndarray) -> np.ndarray:
+        if seen.shape[1:] != shape:
+            raise Refusal(
+                f"{path} sees {' x '.join(map(str, shape))} numbers at a time; fly it with as many "
+                "sheep and dogs as it has learnt with"
+            )
         return model.predict(seen, deterministic=True)[0]
 
-    return predict, "compact" if model.observation_space.shape == (4,) else "full"
+    return predict, "compact" if shape == (4,) else "full"
