@@ -101,6 +101,12 @@ def test_three_dogs_need_fewer_steps_than_one_rule_dog():
     assert steps["team"] < 0.9 * steps["strombom"]
 
 
+def test_a_dog_herds_sheep_that_see_less_far_than_their_flock_is_wide():
+    world = skydog.preset("paper", 10.0, sheep=10)
+    flown = evaluate.fly(world, Team(), cases(world, 4, "random", sheep=10), 1_000)
+    assert flown.accomplished.any(axis=1).all()
+
+
 def test_a_team_flies_with_the_skills_of_a_sheepdog_by_name():
     team, card = rules.read("team:h-ddpg-4x4")
     assert card["name"] == "H-DDPG-4x4"

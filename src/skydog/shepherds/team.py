@@ -40,6 +40,7 @@ class Team(eqx.Module):
     gathered: Scalar = 1.35  # the flock is driven while no sheep is further than this out
     inward: Scalar = 0.3  # of the push on a stray: 1 is towards the centre, 0 is home
     behind: Scalar = 0.9  # how far behind its stray, or the rim, a dog stands
+    seen: Scalar = 0.5  # but no further than this share of the distance at which sheep see it
     clearance: Scalar = 0.06  # how far outside the flock a dog goes around it
     shy: Scalar = 5.3  # the same, of a dog that does not lead, on the goal's side
     aligned: Scalar = 1.1  # radians from its point's bearing within which a dog flies straight
@@ -75,10 +76,13 @@ class Team(eqx.Module):
         stray = jnp.argmax(counts, axis=1)
         home = jnp.broadcast_to(back, (count, 2))
         push = unit(self.inward * unit(outward[stray]) + (1.0 - self.inward) * home)
-        collecting = sheep[stray] + self.behind * f * push
+        # Where f(N) is longer than they see, a dog that stood behind it would stand there for ever.
+        sensing = jnp.min(jnp.asarray(getattr(world.flock, "sensing", jnp.inf)))
+        behind = jnp.minimum(self.behind * f, self.seen * sensing)
+        collecting = sheep[stray] + behind * push
         sight = jnp.cos(sector)[:, None] * back + jnp.sin(sector)[:, None] * aside
         rim = jnp.max(outward @ sight.T, axis=0)
-        driving = centre + (rim + self.behind * f)[:, None] * sight
+        driving = centre + (rim + behind)[:, None] * sight
         drives = jnp.broadcast_to(jnp.max(out) <= self.gathered * f, count)
         subgoal = jnp.where(drives[:, None], driving, collecting)
         lead = jnp.argmin(jnp.abs(around) * norm(dogs - centre))
