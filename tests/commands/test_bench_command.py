@@ -3,6 +3,11 @@ import json
 from skydog.study import bench as benchmark
 
 
+def edit(figures):
+    figures["steps"]["mean"] = 1234.0
+    figures["each"]["steps"] = [1234.0] * figures["cases"]
+
+
 def test_a_shepherd_gets_a_row_and_a_leaderboard_and_goes_on_where_it_was(skydog, tmp_path):
     out = tmp_path / "bench"
     asked = ("bench", "strombom", "--tasks", "paper-4m", "--out", str(out))
@@ -14,7 +19,7 @@ def test_a_shepherd_gets_a_row_and_a_leaderboard_and_goes_on_where_it_was(skydog
     page = (out / "leaderboard.md").read_text()
     assert "`strombom`" in page
     # What is flown already is not flown again.
-    row["tasks"]["paper-4m"]["steps"]["mean"] = 1234.0
+    edit(row["tasks"]["paper-4m"])
     (out / "strombom.json").write_text(json.dumps(row))
     code, printed, _ = skydog(*asked)
     assert code == 0
@@ -39,8 +44,18 @@ def test_a_shepherd_whose_file_has_changed_is_flown_anew(skydog, tmp_path):
     assert skydog(*asked)[0] == 0
     (file,) = out.glob("*.json")
     row = json.loads(file.read_text())
-    row["tasks"]["paper-4m"]["steps"]["mean"] = 1234.0
+    edit(row["tasks"]["paper-4m"])
     file.write_text(json.dumps(row))
     (tmp_path / "own.py").write_text(code + "# another dog\n")
     again = json.loads(skydog(*asked)[1])[name]
     assert again["tasks"]["paper-4m"]["steps"]["mean"] < 1000.0
+
+
+def test_a_shepherd_that_fails_is_told_in_one_line(skydog, tmp_path):
+    (tmp_path / "own.py").write_text("def dog(world, state):\n    raise ValueError('broken')\n")
+    for name in ("own.py:dog", "./own.py:dog"):
+        code, _, said = skydog("bench", name, "--tasks", "paper-4m, gate", "--out", "bench")
+        assert code == 2
+        assert f"{name} flies none of the tasks" in said
+        assert "failed in line 2: ValueError: broken" in said
+    assert not list((tmp_path / "bench").glob("*.json"))

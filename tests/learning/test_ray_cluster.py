@@ -165,3 +165,8 @@ def test_without_ray_its_extra_is_named(monkeypatch):
 def test_what_is_no_cluster_is_refused(on):
     with pytest.raises(Refusal, match=r"no cluster is called .* --on ray"):
         workers.run([], lambda _: None, on)
+
+
+def test_a_cluster_that_is_not_there_is_told_at_once():
+    with pytest.raises(Refusal, match=r"nobody answers at ray://localhost:1 .* ray start"):
+        ray_cluster._check_there("ray://localhost:1")

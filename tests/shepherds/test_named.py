@@ -209,3 +209,36 @@ def test_a_file_is_named_by_its_whole_path_elsewhere(name, whole, tmp_path, monk
     (tmp_path / "runs").mkdir()
     assert finding.anywhere(name) == whole.format(tmp_path)
     assert finding.anywhere(finding.anywhere(name)) == whole.format(tmp_path)
+
+
+def test_a_saved_policy_means_something_else_when_its_code_has_changed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = "def predict(seen):\n    return -seen[:, 2:4]\n"
+    Path("fast.py").write_text(code)
+    policy = skydog.from_policy("fast.py:predict")
+    store.save(Path("kept/sheepdog.safetensors"), policy, {})
+    before = named.digest("policy:kept")
+    Path("fast.py").write_text(code.replace("-seen", "-0.1 * seen"))
+    assert named.digest("policy:kept") != before
+
+
+def test_a_shepherd_that_ends_the_program_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("ends.py").write_text("import sys\n\n\ndef dog(world, state):\n    sys.exit(3)\n")
+    with pytest.raises(Refusal, match=r"ends\.py:dog failed in line 5: SystemExit"):
+        named.trial("ends.py:dog", named.load("ends.py:dog"), WORLD, STARTS)
+    policy = skydog.from_policy(lambda seen: sys.exit(3))
+    with pytest.raises(Refusal, match="SystemExit"):
+        named.trial("policy", policy, WORLD, STARTS)
+
+
+@pytest.mark.parametrize("name", ["", "team:", "policy:"])
+def test_no_name_is_no_shepherd(name):
+    with pytest.raises(Refusal, match="names no shepherd"):
+        finding.check(name)
+
+
+def test_an_algorithm_is_named_in_small_letters(tmp_path):
+    (tmp_path / "a.zip").touch()
+    with pytest.raises(Refusal, match=r"try ppo:.*a\.zip"):
+        finding.check(f"PPO:{tmp_path / 'a.zip'}")

@@ -19,6 +19,7 @@ def figures(task, success, steps):
         "success_ci95": [success / 2, 1.0],
         "cases": 2,
         "steps": {"mean": steps},
+        "each": {"success": [success == 1.0, success > 0.0], "steps": [steps, steps]},
         "cases of": bench.digest(task),
     }
 
@@ -65,10 +66,11 @@ def test_a_row_comes_back_as_it_was_written(tmp_path):
         (lambda row: row.update(shepherd=3), "no row"),
         (lambda row: row.update(tasks=[]) or row.pop("command"), "no row"),
         (lambda row: row["tasks"]["gate"].update(success="all"), "no row"),
+        (lambda row: row["tasks"]["gate"]["steps"].update(mean=5.2), "no row"),
         (lambda row: row["tasks"]["gate"].update({"cases of": "0"}), "other cases of 'gate'"),
         (lambda row: row["tasks"].update(gates=row["tasks"]["gate"]), "other cases of 'gates'"),
     ],
-    ids=["version", "name", "missing", "number", "cases", "task"],
+    ids=["version", "name", "missing", "number", "edited", "cases", "task"],
 )
 def test_a_row_that_cannot_be_compared_is_refused(tmp_path, change, why):
     mine = row(gate=figures("gate", 1.0, 100.0))
@@ -77,6 +79,15 @@ def test_a_row_that_cannot_be_compared_is_refused(tmp_path, change, why):
     file.write_text(json.dumps(mine))
     with pytest.raises(Refusal, match=why):
         board.read(file)
+
+
+def test_a_row_does_not_replace_that_of_another_shepherd(tmp_path):
+    board.save(tmp_path, row("a/b.py:dog", gate=figures("gate", 1.0, 100.0)))
+    board.check_names(tmp_path, ["a/b.py:dog", "c.py:dog"])
+    with pytest.raises(Refusal, match=r"is the row of a/b\.py:dog, not of a-b\.py:dog"):
+        board.check_names(tmp_path, ["a-b.py:dog"])
+    with pytest.raises(Refusal, match=r"is the row of c\.py:dog, not of \./c\.py:dog"):
+        board.check_names(tmp_path, ["c.py:dog", "./c.py:dog"])
 
 
 def test_who_does_not_accomplish_a_task_is_never_the_best_known():

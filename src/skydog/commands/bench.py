@@ -53,9 +53,11 @@ def bench(
     from skydog.study import bench as benchmark
     from skydog.study import board, board_page
 
-    chosen = benchmark.chosen(None if tasks is None else tasks.split(","))
+    asked = None if tasks is None else [each.strip() for each in tasks.split(",")]
+    chosen = benchmark.chosen(asked)
     benchmark.check()
     with files.claimed(files.folder(out)):
+        board.check_names(out, shepherds)
         for name, (shepherd, card) in {name: named.read(name) for name in shepherds}.items():
             _fly(name, shepherd, trained or _cost(card), chosen, out, on)
         rows = board.rows(board.SHIPPED, out)
@@ -88,7 +90,8 @@ def _fly(
     todo = [task for task in tasks if task not in row["tasks"]]
     flown: Iterator[Results]
     if on is None:
-        flown = (benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=0)) for task in todo)
+        twin = Twin(benchmark.DRONE, threads=0)
+        flown = (benchmark.fly(name, shepherd, task, twin) for task in todo)
     else:
         from skydog.learning import ray_cluster
         from skydog.shepherds import finding
@@ -96,7 +99,10 @@ def _fly(
         flown = ray_cluster.each(partial(_away, finding.anywhere(name), row["digest"]), todo, on)
     for task, figures in zip(console.track(name, todo), flown, strict=True):
         row["tasks"][task] = figures
-        board.save(out, row)
+        if any("refused" not in each for each in row["tasks"].values()):
+            board.save(out, row)
+    if all("refused" in each for each in row["tasks"].values()):
+        raise Refusal(f"{name} flies none of the tasks: {row['tasks'][tasks[0]]['refused']}")
 
 
 def _away(name: str, digest: str, task: str) -> "Results":
@@ -108,7 +114,7 @@ def _away(name: str, digest: str, task: str) -> "Results":
     shepherd, _ = named.read(name)
     if named.digest(name) != digest:
         raise Refusal(f"{name} is not the same file as where skydog bench was called; copy it here")
-    return benchmark.fly(shepherd, task, Twin(benchmark.DRONE, threads=1))
+    return benchmark.fly(name, shepherd, task, Twin(benchmark.DRONE, threads=1))
 
 
 def _cost(card: dict[str, Any]) -> str:

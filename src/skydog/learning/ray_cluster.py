@@ -10,6 +10,7 @@ import os
 import re
 import secrets
 import signal
+import socket
 import sys
 import threading
 import time
@@ -194,6 +195,20 @@ def _settle(site: Site) -> None:
     processes.one_thread()
 
 
+def _check_there(on: str) -> None:
+    """Raise `Refusal` if nobody listens where a cluster is said to be. Ray itself asks for long."""
+    if on == "ray":
+        return
+    host, _, port = on.removeprefix("ray://").rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+    except (OSError, OverflowError) as problem:
+        raise Refusal(
+            f"nobody answers at {on} ({one_line(str(problem)):.100}); start a cluster with: ray "
+            "start --head"
+        ) from None
+
+
 def _site() -> Site:
     settings = {name: os.environ.get(name) for name in INHERITED}
     # A task has a core, and no share of a GPU.
@@ -304,6 +319,7 @@ def connected(on: str) -> Iterator[Any]:
     if ray.is_initialized():
         yield ray
         return
+    _check_there(on)
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     main = threading.current_thread() is threading.main_thread()
     handler = signal.getsignal(signal.SIGTERM)  # Ray sets its own

@@ -45,6 +45,8 @@ def kind(name: str) -> Kind:
 def check(name: str) -> None:
     """Raise `Refusal` for a shepherd that there is not. Runs no code of others."""
     which = kind(name)
+    if not name.partition(":")[2 if which in ("team", "saved") else 0]:
+        raise Refusal(f"{name!r} names no shepherd; {OTHERS}")
     if which in ("team", "saved"):
         find(Path(name.partition(":")[2]))
     elif which == "zip":
@@ -122,6 +124,8 @@ def _check_sheepdog(path: Path) -> None:
 
 
 def _check_zip(algorithm: str, path: str) -> None:
+    if algorithm.lower() in ALGORITHMS and algorithm not in ALGORITHMS:
+        raise Refusal(f"no algorithm is called {algorithm}; try {algorithm.lower()}:{path}")
     if algorithm not in ALGORITHMS:
         raise Refusal(
             f"a dog's action is two numbers, which {algorithm!r:.20} does not learn or skydog does "

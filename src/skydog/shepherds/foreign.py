@@ -64,7 +64,7 @@ class Foreign:
             actions = np.asarray(found, np.float32)
         except Refusal:
             raise
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             said = str(problem).strip().split("\n")[0]
             raise Refusal(
                 f"{self.called} failed on arrays of the shape {shown}: "
@@ -118,7 +118,7 @@ def from_policy(
 
     Raises `Refusal` for what is no policy or cannot be loaded.
     """
-    divide_by = quantities.ARENA.checked(divide_by)
+    divide_by = quantities.DIVISOR.checked(divide_by)
     called = short(predict)
     ask: Any = predict
     own: ObservationKind = "compact"

@@ -60,13 +60,15 @@ def digest(name: str) -> str:
         return "rule"
     if which == "code":
         in_file = references.split(name)
-        if in_file is None:
-            return "package"
-        file = in_file[0]
-    else:
-        tail = name.partition(":")[2] if which in ("team", "saved", "zip") else name
-        file = Path(tail) if which in ("zip", "onnx") else finding.find(Path(tail))
-    return hashlib.sha256(files.read_bytes(file, "shepherd's file", LARGEST)).hexdigest()
+        return "package" if in_file is None else _hash(in_file[0])
+    tail = name.partition(":")[2] if which in ("team", "saved", "zip") else name
+    file = Path(tail) if which in ("zip", "onnx") else finding.find(Path(tail))
+    if (
+        which == "saved"
+        and finding.kind(code := str(store.policy_card(file).get("code"))) == "code"
+    ):
+        return f"{_hash(file)} {digest(code)}"  # of a zip the card holds the hash
+    return _hash(file)
 
 
 def trial(name: str, shepherd: Shepherd, world: World, starts: State) -> None:
@@ -83,10 +85,14 @@ def trial(name: str, shepherd: Shepherd, world: World, starts: State) -> None:
         )
     except Refusal:
         raise
-    except Exception as problem:  # whatever code of others may raise
+    except (Exception, SystemExit) as problem:  # whatever code of others may do
         in_file = references.split(name) if finding.kind(name) == "code" else None
         file = None if in_file is None else in_file[0]
         raise references.failed(f"the shepherd {name}", file, problem) from problem
+
+
+def _hash(file: Path) -> str:
+    return hashlib.sha256(files.read_bytes(file, "shepherd's file", LARGEST)).hexdigest()
 
 
 def _coded(name: str) -> Shepherd:

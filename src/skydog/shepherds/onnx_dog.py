@@ -26,6 +26,10 @@ class OnnxDog(eqx.Module):
         """Velocities of the dogs, in m/s."""
         if len(state.dogs) != 1:
             raise Refusal(f"{self.session.called} flies one dog, not {len(state.dogs)}")
+        if world.obstacles is not None:
+            raise Refusal(
+                f"{self.session.called} knows of no obstacles; fly the sheepdog that it was made of"
+            )
         return self.session(state.dogs, state.sheep)
 
 
@@ -47,6 +51,7 @@ def read(path: Path) -> tuple[OnnxDog, dict[str, Any]]:
         card, world = json.loads(told["card"]), json.loads(told["world"])
         size = float(world["arena.size"])
         goal = [float(world["arena.goal_x"]), float(world["arena.goal_y"])]
+        law = world["flock.law"]
     except Exception as problem:
         raise Refusal(
             f"{path} is no file of skydog export --onnx: {type(problem).__name__}; for another "
@@ -56,6 +61,6 @@ def read(path: Path) -> tuple[OnnxDog, dict[str, Any]]:
     def fly(dogs: np.ndarray, sheep: np.ndarray) -> np.ndarray:
         return np.asarray(session.run(["velocity"], {"sheep": sheep, "dog": dogs[:, 0]})[0])
 
-    flies = {"goals": goal, "arenas": [size, size]}
+    flies = {"goals": goal, "arenas": [size, size], "flock": law}
     card = {**card, "name": path.stem, "arena": size, "taught_for": flies}
     return OnnxDog(Foreign(fly, None, str(path))), card

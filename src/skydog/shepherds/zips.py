@@ -10,6 +10,7 @@ import numpy as np
 
 from skydog import files
 from skydog.errors import Refusal
+from skydog.shepherds import finding
 from skydog.shepherds.options import ObservationKind
 
 LARGEST = 1 << 30  # bytes
@@ -33,7 +34,8 @@ def read(name: str) -> tuple[Any, ObservationKind]:
         said = str(problem).strip().split("\n")[0]
         raise Refusal(
             f"{path} is no {algorithm.upper()} of Stable-Baselines3 that can be loaded here: "
-            f"{type(problem).__name__}: {said:.200}"
+            f"{type(problem).__name__}: {said:.200}; name the one that it is of: "
+            f"{', '.join(finding.ALGORITHMS)}"
         ) from problem
     if model.action_space.shape != (2,):
         raise Refusal(f"{path} acts in {model.action_space}; a dog takes two numbers from -1 to 1")

@@ -15,6 +15,7 @@ import numpy as np
 
 from skydog import arrays
 from skydog.errors import Refusal, short
+from skydog.shepherds import named
 from skydog.study import cases as draws
 from skydog.study import evaluate, herds, mixed, patterns, robustness
 from skydog.study.options import Results
@@ -198,16 +199,18 @@ def chosen(names: list[str] | None) -> list[str]:
     return list(TASKS) if names is None else names
 
 
-def fly(shepherd: Shepherd, name: str, twin: Fly) -> Results:
+def fly(called: str, shepherd: Shepherd, name: str, twin: Fly) -> Results:
     """Fly a task: the figures of its row, and what came of each case. `twin` flies in the twin.
 
-    A shepherd that refuses the task, such as a policy for another flock, has the reason instead.
+    A shepherd that refuses the task or fails in it, such as a policy for another flock, has the
+    reason instead. `called` is what it is named.
     """
     task, starts = TASKS[name], cases(name)
     world = task.world()
     key = jax.random.key(SEED) if task.in_twin else evaluate.noise_key(world, SEED)
     fly = twin if task.in_twin else partial(evaluate.fly, every=None)
     try:
+        named.trial(called, shepherd, world, starts)
         flown = fly(world, shepherd, starts, task.steps, key)
     except Refusal as refusal:
         return {"refused": str(refusal), "cases of": digest(name)}

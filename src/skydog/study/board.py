@@ -5,6 +5,7 @@ each task as `bench.fly` gives them.
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,19 @@ def path(folder: Path, name: str) -> Path:
     return folder / f"{plain.strip('.-') or 'shepherd'}.json"
 
 
+def check_names(folder: Path, names: Sequence[str]) -> None:
+    """Raise `Refusal` if the row of one of these shepherds would replace that of another."""
+    whose: dict[Path, str] = {}
+    for name in names:
+        file = path(folder, name)
+        other = whose.setdefault(file, read(file)["shepherd"] if files.exists(file) else name)
+        if other != name:
+            raise Refusal(
+                f"{file} is the row of {other}, not of {name}; give {name} another name, or "
+                "choose another --out"
+            )
+
+
 def save(folder: Path, row: Results) -> None:
     """Write a row into a folder."""
     text = json.dumps(files.plain(row), indent=1, allow_nan=False, ensure_ascii=False)
@@ -52,7 +66,7 @@ def save(folder: Path, row: Results) -> None:
 def read(file: Path) -> Results:
     """A row. Raises `Refusal` for a file that is none, or is of another version's cases."""
     content = files.read_bytes(file, "row of the benchmark", LARGEST)
-    no_row = Refusal(f"{file} is no row of the benchmark; make it again with skydog bench")
+    no_row = Refusal(f"{file} is no row of the benchmark; delete it, or choose another --out")
     try:
         row = json.loads(content)
         version, tasks = row["version"], dict(row["tasks"])
@@ -81,7 +95,11 @@ def _fits(figures: Any) -> bool:
     if "refused" in figures:
         return isinstance(figures["refused"], str) and isinstance(figures["cases of"], str)
     numbers = [figures["success"], *figures["success_ci95"], figures["steps"]["mean"]]
-    return all(isinstance(each, int | float) and np.isfinite(each) for each in numbers)
+    if not all(isinstance(each, int | float) and np.isfinite(each) for each in numbers):
+        return False
+    each = figures["each"]
+    shown = figures["success"], figures["steps"]["mean"]
+    return np.allclose((np.mean(each["success"]), np.mean(each["steps"])), shown)
 
 
 def rows(*folders: Path) -> dict[str, Results]:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
-from skydog import files
+from skydog import files, quantities
 from skydog.errors import Refusal, short
 from skydog.shepherds import finding, named
 from skydog.study import cases as draws
@@ -101,7 +101,7 @@ def entries(
     for each, title in zip(shepherds, titles, strict=True):
         name = title if titles.count(title) == 1 else str(each)
         if name in found:
-            raise Refusal(f"{name} stands twice; leave one out, or give both names: {{'a': ...}}")
+            raise Refusal(f"{name} stands twice; leave one out")
         found[name] = _entry(each)
     return found
 
@@ -116,6 +116,7 @@ def asked(
     steps: int,
 ) -> Missions:
     """The missions of a comparison. Raises `Refusal` for starts that cannot be drawn."""
+    steps = quantities.STEPS.checked(steps)
     drawn = (
         draws.cases(world, cases, starts, seed, sheep, dogs) if isinstance(cases, int) else cases
     )
@@ -209,12 +210,16 @@ def _kept(out: Path, about: dict[str, Any]) -> dict[str, tuple[str | None, Measu
         results = json.loads(files.read_bytes(out / report.RESULTS, "results", LARGEST))
         marks = {name: row["digest"] for name, row in results["rows"].items()}
         before = results["asked"]
+        if not files.exists(out / MISSIONS):
+            return {}
         text = files.read_bytes(out / MISSIONS, "results", LARGEST).decode()
         measured = _measured(csv.reader(io.StringIO(text)), before["cases"])
     except (ValueError, KeyError, TypeError, AttributeError, StopIteration, RecursionError) as odd:
         if isinstance(odd, Refusal):
             raise
-        raise Refusal(f"{out} holds no comparison, or is damaged; choose another --out") from None
+        raise Refusal(
+            f"{out / report.RESULTS} is of no comparison, or is damaged; choose another --out"
+        ) from None
     if other := [name for name in about if before.get(name) != files.plain(about)[name]]:
         raise Refusal(
             f"{out} holds a comparison of other missions ({', '.join(other)}); choose another --out"
