@@ -58,6 +58,8 @@ def bench(
     benchmark.check()
     with files.claimed(files.folder(out)):
         board.check_names(out, shepherds)
+        if shepherds:
+            console.say("Ctrl-C keeps the tasks that are flown; the same command continues.")
         for name, (shepherd, card) in {name: named.read(name) for name in shepherds}.items():
             _fly(name, shepherd, trained or _cost(card), chosen, out, on)
         rows = board.rows(board.SHIPPED, out)
@@ -121,7 +123,7 @@ def _cost(card: dict[str, Any]) -> str:
     """What a sheepdog's card says of its training."""
     steps = card.get("steps_a_skill")
     if not isinstance(steps, int):
-        return "" if card else "—"
+        return "—"
     return f"{steps:,} steps a skill, seed {card.get('seed')}"
 
 

@@ -83,8 +83,8 @@ def trial(name: str, shepherd: Shepherd, world: World, starts: State) -> None:
             params.traced(world),
             start,
         )
-    except Refusal:
-        raise
+    except Refusal as refusal:
+        raise refusal if name in str(refusal) else Refusal(f"{name}: {refusal}") from refusal
     except (Exception, SystemExit) as problem:  # whatever code of others may do
         in_file = references.split(name) if finding.kind(name) == "code" else None
         file = None if in_file is None else in_file[0]
