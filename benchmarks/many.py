@@ -134,8 +134,9 @@ def table(costs: dict[str, list[Cost]], trainings: int, steps: int) -> str:
         "",
         f"Measured on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC: {trainings} trainings of {steps:,} "
         f"steps, {len(processes.cores())} cores, {len(costs['ray'])} rounds in turns, with the "
-        f"start of all processes; Ray {version('ray')}, jax {version('jax')}. Other programs ran "
-        f"beside, {os.getloadavg()[2]:.1f} on average, so the clock says less than the processors.",
+        f"start of all processes; Ray {version('ray')}, jax {version('jax')}. On average "
+        f"{os.getloadavg()[2]:.1f} programs ran at once; these trainings alone are "
+        f"{len(processes.cores())}.",
         "",
         "| | seconds of processors | seconds on the clock |",
         "| --- | --: | --: |",

@@ -61,9 +61,9 @@ def run(jobs: Sequence[Job], callback: Callable[[Message], None], on: str) -> bo
     goes on from its last checkpoint somewhere else.
     """
     with connected(on) as ray:
-        _check_machines(ray, _shared(jobs))
         listener = {"num_cpus": 0, "resources": {"node:__internal_head__": 0.001}}
         board = ray.remote(**listener)(Board).remote()
+        _check_machines(ray, _shared(jobs))
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_trained)
         site = _site()
         with workers.signals() as asked:
@@ -328,7 +328,10 @@ def connected(on: str) -> Iterator[Any]:
         try:
             with warnings.catch_warnings(action="ignore"):
                 ray.init(
-                    None if on == "ray" else on, log_to_driver=False, logging_level=logging.ERROR
+                    None if on == "ray" else on,
+                    log_to_driver=False,
+                    logging_level=logging.ERROR,
+                    include_dashboard=False if on == "ray" else None,
                 )
         except Exception as problem:
             raise Refusal(
