@@ -52,9 +52,6 @@ EPISODES = Quantity(
 ARENA = Quantity(
     "the arena's side is a length from 0.001 to 100,000 m", 0.001, 1e5, "--arena 4", whole=False
 )
-DIVISOR = Quantity(
-    "divide_by is a length from 0.001 to 100,000 m", 0.001, 1e5, "divide_by=4.0", whole=False
-)
 GOAL_RADIUS = Quantity(
     "the goal's radius is a length from 0.001 to 100,000 m",
     0.001,

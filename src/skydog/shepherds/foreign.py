@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from skydog import quantities, references
+from skydog import references
 from skydog.errors import Refusal, short
+from skydog.quantities import Quantity
 from skydog.shepherds import finding, observing
 from skydog.shepherds.options import ObservationKind
 from skydog.world import herding
@@ -18,6 +19,9 @@ from skydog.world.params import World
 from skydog.world.state import State
 from skydog.world.vectors import Scalar
 
+DIVISOR = Quantity(
+    "divide_by is a length from 0.001 to 100,000 m", 0.001, 1e5, "divide_by=4.0", whole=False
+)
 Predict = Callable[[np.ndarray], Any]
 """Actions of a batch of observations, or a tuple that begins with them."""
 
@@ -118,7 +122,7 @@ def from_policy(
 
     Raises `Refusal` for what is no policy or cannot be loaded.
     """
-    divide_by = quantities.DIVISOR.checked(divide_by)
+    divide_by = DIVISOR.checked(divide_by)
     called = short(predict)
     ask: Any = predict
     own: ObservationKind = "compact"
