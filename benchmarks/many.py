@@ -38,7 +38,7 @@ def main() -> None:
     )
     parser.add_argument("--trainings", type=int, default=16)
     parser.add_argument("--steps", type=int, default=150_000, help="of each training")
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--out", type=Path, help="the page whose table is written anew")
     parser.add_argument("--study", help=argparse.SUPPRESS)
     given = parser.parse_args()

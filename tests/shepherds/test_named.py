@@ -10,7 +10,7 @@ import pytest
 import skydog
 from skydog import references
 from skydog.errors import Refusal
-from skydog.shepherds import exporting, finding, named, store
+from skydog.shepherds import exporting, finding, named, scope, store
 from skydog.shepherds.foreign import Policy
 from skydog.study.cases import cases
 from skydog.world.presets import preset
@@ -145,6 +145,9 @@ def test_an_onnx_file_flies_what_was_exported(folder):
     assert (told["name"], told["taught_for"]["arenas"]) == ("dog", [4.0, 4.0])
     with pytest.raises(Refusal, match="flies one dog, not 2"):
         named.trial("dog.onnx", flown, WORLD, cases(WORLD, 2, dogs=2))
+    with pytest.raises(Refusal, match="knows of no obstacles"):
+        named.trial("dog.onnx", flown, preset("paper", scene="gate"), STARTS)
+    assert "law 'paper'" in " ".join(scope.beyond(told, preset("strombom2014"), 3))
     Path("other.onnx").write_bytes(b"other")
     with pytest.raises(Refusal, match="no file of skydog export"):
         named.read("other.onnx")

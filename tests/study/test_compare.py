@@ -89,6 +89,12 @@ def test_a_folder_of_other_missions_or_that_is_damaged_is_refused(found, tmp_pat
     skydog.compare(NAMES[:1], **SHAPE, out=tmp_path)
     with pytest.raises(Refusal, match=r"other missions \(steps\).*choose another --out"):
         skydog.compare(NAMES[:1], **{**SHAPE, "steps": 99}, out=tmp_path)
+    # Missions that are lost are flown again; another comparison is not written over for that.
+    (tmp_path / "results.csv").unlink()
+    with pytest.raises(Refusal, match="other missions"):
+        skydog.compare(NAMES[:1], **{**SHAPE, "steps": 99}, out=tmp_path)
+    again = skydog.compare(NAMES[:1], **SHAPE, out=tmp_path)
+    assert again.rows["strombom"] == found.rows["strombom"]
     (tmp_path / "results.csv").write_text("shepherd,case,steps\nstrombom,1,many\n")
     with pytest.raises(Refusal, match="damaged"):
         skydog.compare(NAMES[:1], **SHAPE, out=tmp_path)

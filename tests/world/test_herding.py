@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -234,3 +235,12 @@ def test_several_dogs_take_the_strays_at_hand_and_share_them_out(dogs):
     for i in range(dogs):
         expected = reference.collecting_point(world, np.array(CORNERS), i)
         np.testing.assert_allclose(points[i], expected, atol=1e-4)
+
+
+def test_a_dog_is_seen_by_all_as_far_as_the_shortest_sighted_sees():
+    world = preset("paper", 4.0)
+    assert herding.sensing(world) == 2.0
+    shorter = replace(world, flock=replace(world.flock, sensing=jnp.array([2.0, 0.5, 1.0])))
+    assert herding.sensing(shorter) == 0.5
+    for law in (SimpleNamespace(), SimpleNamespace(sensing="far")):
+        assert herding.sensing(replace(world, flock=law)) == math.inf

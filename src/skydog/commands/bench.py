@@ -37,7 +37,7 @@ def bench(
     shows it beside the shepherds that ship. A shepherd that was interrupted goes on with the same
     command, and is flown anew if its file has changed.
 
-    Example: skydog bench h-ddpg-4x4 mine.py:MyDog --tasks paper-4m,gate
+    Example: skydog bench h-ddpg-4x4 my_dog.py:dog --tasks paper-4m,gate
 
     Args:
         shepherds: As skydog test names them; none only writes the leaderboard anew.
@@ -49,6 +49,7 @@ def bench(
         as_json: Print the rows as JSON instead of a table.
     """
     from skydog.commands import console
+    from skydog.learning import ray_cluster
     from skydog.shepherds import named
     from skydog.study import bench as benchmark
     from skydog.study import board, board_page
@@ -60,8 +61,10 @@ def bench(
         board.check_names(out, shepherds)
         if shepherds:
             console.say("Ctrl-C keeps the tasks that are flown; the same command continues.")
-        for name, (shepherd, card) in {name: named.read(name) for name in shepherds}.items():
-            _fly(name, shepherd, trained or _cost(card), chosen, out, on)
+        found = {name: named.read(name) for name in shepherds}
+        with ray_cluster.held(on):
+            for name, (shepherd, card) in found.items():
+                _fly(name, shepherd, trained or _cost(card), chosen, out, on)
         rows = board.rows(board.SHIPPED, out)
         command = shlex.join(["skydog", "bench", *shepherds])
         files.write_text(out / PAGE, board_page.document(rows, command))

@@ -148,6 +148,7 @@ def run(
     """
     from skydog import files, quantities
     from skydog.commands import console, training
+    from skydog.learning import ray_cluster
 
     quantities.SEEDS.checked(count)
     curriculum.world()  # what cannot be is refused before anything is written
@@ -161,7 +162,8 @@ def run(
     write = console.tensorboard(out / "tensorboard") if tensorboard else None
     with files.claimed(out):
         training.check(out, todo)
-        return _train(out, curriculum, folders, todo, write, command, fly, on)
+        with ray_cluster.held(on):
+            return _train(out, curriculum, folders, todo, write, command, fly, on)
 
 
 def _train(

@@ -17,7 +17,13 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import (
+    AbstractContextManager,
+    contextmanager,
+    nullcontext,
+    redirect_stdout,
+    suppress,
+)
 from dataclasses import astuple, dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -302,6 +308,11 @@ def _check_machines(ray: Any, folder: Path | None) -> None:
     finally:
         if mark is not None:
             mark.unlink(missing_ok=True)
+
+
+def held(on: str | None) -> AbstractContextManager[Any]:
+    """One connection for all that is done within, if `on` names a cluster: its start takes long."""
+    return nullcontext() if on is None else connected(on)
 
 
 @contextmanager

@@ -77,8 +77,7 @@ class Team(eqx.Module):
         home = jnp.broadcast_to(back, (count, 2))
         push = unit(self.inward * unit(outward[stray]) + (1.0 - self.inward) * home)
         # Where f(N) is longer than they see, a dog that stood behind it would stand there for ever.
-        sensing = jnp.min(jnp.asarray(getattr(world.flock, "sensing", jnp.inf)))
-        behind = jnp.minimum(self.behind * f, self.seen * sensing)
+        behind = jnp.minimum(self.behind * f, self.seen * herding.sensing(world))
         collecting = sheep[stray] + behind * push
         sight = jnp.cos(sector)[:, None] * back + jnp.sin(sector)[:, None] * aside
         rim = jnp.max(outward @ sight.T, axis=0)

@@ -210,10 +210,10 @@ def _kept(out: Path, about: dict[str, Any]) -> dict[str, tuple[str | None, Measu
         results = json.loads(files.read_bytes(out / report.RESULTS, "results", LARGEST))
         marks = {name: row["digest"] for name, row in results["rows"].items()}
         before = results["asked"]
-        if not files.exists(out / MISSIONS):
-            return {}
-        text = files.read_bytes(out / MISSIONS, "results", LARGEST).decode()
-        measured = _measured(csv.reader(io.StringIO(text)), before["cases"])
+        measured = {}
+        if files.exists(out / MISSIONS):
+            text = files.read_bytes(out / MISSIONS, "results", LARGEST).decode()
+            measured = _measured(csv.reader(io.StringIO(text)), before["cases"])
     except (ValueError, KeyError, TypeError, AttributeError, StopIteration, RecursionError) as odd:
         if isinstance(odd, Refusal):
             raise

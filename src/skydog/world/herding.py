@@ -2,6 +2,7 @@
 
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -35,6 +36,12 @@ def way_home(world: World, sheep: Float[Array, "sheep 2"]) -> Way:
 def gathered_radius(world: World, sheep: int) -> Scalar:
     """f(N), in metres, by the world's `spread`: how wide a gathered flock is (paper, Eq. 7)."""
     return world.spread.radius(sheep)
+
+
+def sensing(world: World) -> Scalar:
+    """How near a dog must be for every sheep to see it, in metres; inf if the law has no range."""
+    found = getattr(world.flock, "sensing", None)
+    return jnp.min(jnp.asarray(found)) if eqx.is_array_like(found) else jnp.inf
 
 
 def goal(arena: Arena) -> Float[Array, "2"]:
